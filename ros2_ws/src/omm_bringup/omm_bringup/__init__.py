@@ -1,0 +1,1 @@
+"""Starts omm: launch files, configuration, the command line."""

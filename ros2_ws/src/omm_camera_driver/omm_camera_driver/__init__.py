@@ -1,0 +1,1 @@
+"""Camera node of omm: GigE Vision, V4L2 or simulated."""

@@ -1,0 +1,1 @@
+"""CNC bridge node of omm: LinuxCNC, OPC UA, MTConnect or simulated."""

@@ -1,0 +1,1 @@
+"""Geometry, target detection, estimation and uncertainty of omm. Knows nothing of ROS."""

@@ -1,0 +1,1 @@
+"""Recordings of omm: write, read, replay (MCAP)."""

@@ -1,0 +1,1 @@
+"""What every omm node shares: parameters, conversions, quality of service, transport, main."""
