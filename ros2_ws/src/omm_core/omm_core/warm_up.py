@@ -1,0 +1,1 @@
+"""Compile all kernels once, so that no measurement waits for the compiler (see ./omm)."""
