@@ -1,0 +1,59 @@
+"""What a node says of its health on /diagnostics, once a second and at every change of level."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+
+OK = DiagnosticStatus.OK
+WARN = DiagnosticStatus.WARN
+ERROR = DiagnosticStatus.ERROR
+STALE = DiagnosticStatus.STALE
+
+
+@dataclass(frozen=True, kw_only=True)
+class Health:
+    """One line of diagnostics: what an operator reads, and the figures behind it."""
+
+    level: bytes = OK
+    message: str = "fine"
+    values: Mapping[str, object] = field(default_factory=dict)
+
+
+class Diagnostics:
+    """Publishes what the registered functions return.
+
+    Parameters
+    ----------
+    node : the node that speaks
+    hardware_id : what it speaks of: a serial number, a control's address
+    """
+
+    def __init__(self, node: Node, hardware_id: str = "", period_s: float = 1.0) -> None:
+        self.hardware_id = hardware_id
+        self._node = node
+        self._tasks: dict[str, Callable[[], Health]] = {}
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._timer = node.create_timer(period_s, self.publish)
+
+    def add(self, name: str, task: Callable[[], Health]) -> None:
+        """Register a function that tells the health of `name`."""
+        self._tasks[name] = task
+
+    def publish(self) -> None:
+        """Publish now."""
+        array = DiagnosticArray()
+        array.header.stamp = self._node.get_clock().now().to_msg()
+        for name, task in self._tasks.items():
+            health = task()
+            array.status.append(
+                DiagnosticStatus(
+                    level=health.level,
+                    name=f"{self._node.get_name()}: {name}",
+                    message=health.message,
+                    hardware_id=self.hardware_id,
+                    values=[KeyValue(key=k, value=str(v)) for k, v in health.values.items()],
+                )
+            )
+        self._publisher.publish(array)

@@ -1,0 +1,71 @@
+"""The `main` of every omm node: start, spin, end cleanly."""
+
+import sys
+from collections.abc import Callable
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+from rclpy.node import Node
+
+from omm_core.errors import InputError, OmmError
+from omm_ros import transport
+
+AUTOSTART = "autostart"
+
+
+def run_node(
+    make: Callable[[], Node], arguments: list[str] | None = None, *, threads: int = 2
+) -> int:
+    """Run one node until it is told to end (Ctrl-C, SIGTERM, shutdown of the context).
+
+    A lifecycle node configures and activates itself unless its parameter `autostart` is false,
+    so that `ros2 run` works without a manager.
+
+    Returns
+    -------
+    0 after a clean end, 1 when the node failed, 2 when its parameters cannot be used.
+    """
+    transport.prepare()
+    rclpy.init(args=arguments)
+    node = None
+    executor = None
+    try:
+        node = make()
+        executor = MultiThreadedExecutor(num_threads=threads)
+        executor.add_node(node)
+        if isinstance(node, LifecycleNode):
+            _autostart(node)
+        executor.spin()
+    except (KeyboardInterrupt, ExternalShutdownException):
+        return 0
+    except InputError as error:
+        return _failed(node, error, 2)
+    except OmmError as error:
+        return _failed(node, error, 1)
+    finally:
+        if executor is not None:
+            executor.shutdown(timeout_sec=1.0)
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return 0
+
+
+def _autostart(node: LifecycleNode) -> None:
+    node.declare_parameter(AUTOSTART, True)
+    if not node.get_parameter(AUTOSTART).value:
+        return
+    for transition in (node.trigger_configure, node.trigger_activate):
+        if transition() != TransitionCallbackReturn.SUCCESS:
+            raise getattr(node, "failure", None) or OmmError(
+                f"{node.get_name()} could not start; what was wrong stands above."
+            )
+
+
+def _failed(node: Node | None, error: OmmError, status: int) -> int:
+    if node is not None and rclpy.ok():
+        node.get_logger().fatal(str(error))
+    else:
+        print(f"omm: {error}", file=sys.stderr)
+    return status
