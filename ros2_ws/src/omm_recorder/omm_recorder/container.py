@@ -1,0 +1,180 @@
+"""The records of an MCAP file, one by one, where the `mcap` library wants the whole of it.
+
+The library reads sound files. A file that was cut short by a power failure, one whose checksums
+are in question and one that is searched without copying its images need the records themselves:
+an opcode (1 byte), a length (8 bytes) and the content.
+"""
+
+import struct
+import zlib
+from collections.abc import Iterator
+from io import BytesIO
+from typing import BinaryIO, NamedTuple
+
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Channel, Schema
+
+MAGIC = b"\x89MCAP0\r\n"
+PREFIX = struct.Struct("<BQ")
+MESSAGE = struct.Struct("<HIQQ")
+FOOTER_SIZE = PREFIX.size + 20
+# Times of the first and last message, uncompressed size, checksum.
+CHUNK = struct.Struct("<QQQI")
+
+
+class CutShort(Exception):
+    """The file ends inside a record, or what follows is no record."""
+
+    def __init__(self, offset: int) -> None:
+        super().__init__(f"cut short at byte {offset}")
+        self.offset = offset
+
+
+class Damaged(Exception):
+    """The content of a record is not what was written."""
+
+
+class Record(NamedTuple):
+    """Where one record lies: `start` is the offset of its content, `length` the content's size."""
+
+    opcode: int
+    start: int
+    length: int
+
+    @property
+    def end(self) -> int:
+        """Offset of the record after it."""
+        return self.start + self.length
+
+
+class ChunkHeader(NamedTuple):
+    """What a chunk says of itself before its content."""
+
+    first_ns: int
+    last_ns: int
+    uncompressed_size: int
+    crc: int
+    compression: str
+    data_start: int
+    data_size: int
+
+
+def records(file: BinaryIO, start: int, end: int) -> Iterator[Record]:
+    """Walk over the records between two offsets, without reading what is in them.
+
+    Raises
+    ------
+    CutShort
+        Where a record does not fit before `end`, or has an opcode that MCAP does not know.
+    """
+    offset = start
+    while offset < end:
+        file.seek(offset)
+        prefix = file.read(PREFIX.size)
+        if len(prefix) < PREFIX.size:
+            raise CutShort(offset)
+        opcode, length = PREFIX.unpack(prefix)
+        # Opcodes from 0x80 are private ones of other programs, to be passed over (specification).
+        known = Opcode.HEADER <= opcode <= Opcode.DATA_END or opcode >= 0x80
+        if not known or offset + PREFIX.size + length > end:
+            raise CutShort(offset)
+        record = Record(opcode, offset + PREFIX.size, length)
+        yield record
+        offset = record.end
+
+
+def content(file: BinaryIO, record: Record) -> bytes:
+    """The content of a record."""
+    file.seek(record.start)
+    data = file.read(record.length)
+    if len(data) != record.length:
+        raise CutShort(record.start - PREFIX.size)
+    return data
+
+
+def stream(data: bytes | memoryview) -> ReadDataStream:
+    """Bytes as the `mcap` library's record classes read them."""
+    return ReadDataStream(BytesIO(data))
+
+
+def chunk_header(file: BinaryIO, record: Record) -> ChunkHeader:
+    """Read the head of a chunk, not its data."""
+    file.seek(record.start)
+    head = file.read(min(record.length, CHUNK.size + 4 + 64))
+    try:
+        first_ns, last_ns, size, crc = CHUNK.unpack_from(head)
+        (name_length,) = struct.unpack_from("<I", head, CHUNK.size)
+        name_end = CHUNK.size + 4 + name_length
+        compression = head[CHUNK.size + 4 : name_end].decode()
+        (data_size,) = struct.unpack_from("<Q", head, name_end)
+    except (struct.error, UnicodeDecodeError) as error:
+        raise Damaged(f"the chunk at byte {record.start} has no readable head") from error
+    start = record.start + name_end + 8
+    if start + data_size > record.end:
+        raise Damaged(f"the chunk at byte {record.start} says that it is longer than it is")
+    return ChunkHeader(first_ns, last_ns, size, crc, compression, start, data_size)
+
+
+def chunk_data(file: BinaryIO, head: ChunkHeader) -> memoryview:
+    """The records in a chunk, decompressed, with the checksum checked.
+
+    Raises
+    ------
+    Damaged
+        If it does not decompress, or the checksum differs.
+    """
+    file.seek(head.data_start)
+    raw = file.read(head.data_size)
+    data = decompress(raw, head.compression, head.uncompressed_size)
+    if len(data) != head.uncompressed_size or (head.crc and zlib.crc32(data) != head.crc):
+        raise Damaged(f"the chunk at byte {head.data_start} has another checksum than was written")
+    return memoryview(data)
+
+
+def decompress(raw: bytes, compression: str, size: int) -> bytes:
+    """Undo a chunk's compression; `size` is what it must become."""
+    try:
+        if compression == "":
+            return raw
+        if compression == "zstd":
+            import zstandard
+
+            return zstandard.ZstdDecompressor().decompress(raw, max_output_size=size)
+        if compression == "lz4":
+            import lz4.frame
+
+            return bytes(lz4.frame.decompress(raw))
+    except Exception as error:  # zstd and lz4 have no common base of their errors
+        raise Damaged(f"{compression} data do not decompress: {error}") from error
+    raise Damaged(f"expected a chunk without compression, or lz4 or zstd, got {compression!r}")
+
+
+def records_in_chunk(data: memoryview) -> Iterator[tuple[int, memoryview]]:
+    """The records in a chunk's data as (opcode, content), without copying.
+
+    Raises
+    ------
+    CutShort
+        Where a record does not fit; those before it have been given.
+    """
+    offset = 0
+    while offset < len(data):
+        if offset + PREFIX.size > len(data):
+            raise CutShort(offset)
+        opcode, length = PREFIX.unpack_from(data, offset)
+        start = offset + PREFIX.size
+        offset = start + length
+        if offset > len(data):
+            raise CutShort(start - PREFIX.size)
+        yield opcode, data[start:offset]
+
+
+def read_schema(data: bytes | memoryview) -> Schema:
+    """A schema from a record's content."""
+    return Schema.read(stream(data))
+
+
+def read_channel(data: bytes | memoryview) -> Channel:
+    """A channel from a record's content."""
+    return Channel.read(stream(data))

@@ -1,0 +1,115 @@
+"""Messages from their bytes, by the definition that stands in the recording; no ROS needed."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from omm_core.errors import InputError
+from omm_core.geometry import RigidTransform
+
+IMAGE_TYPE = "sensor_msgs/msg/Image"
+POSE_TYPE = "geometry_msgs/msg/PoseStamped"
+
+
+def decoder(type_name: str, encoding: str, definition: str) -> Callable[[Any], Any]:
+    """Make the function that turns the CDR bytes of one type into an object with its fields.
+
+    Parameters
+    ----------
+    type_name
+        Such as ``sensor_msgs/msg/Image``.
+    encoding
+        Of the definition: ``ros2msg``, ``ros2idl``, or empty where the recording carries none
+        (then the definition that Jazzy has is used).
+    definition
+        The text of the schema.
+
+    Raises
+    ------
+    InputError
+        If the definition cannot be understood.
+    """
+    from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+
+    if not definition:
+        return _from_jazzy(type_name)
+    parse = {"ros2msg": get_types_from_msg, "ros2idl": lambda text, _: get_types_from_idl(text)}
+    if encoding not in parse:
+        raise InputError(
+            f"Expected the definition of {type_name} as ros2msg or ros2idl, got {encoding!r}. "
+            "Convert the recording to ROS 2 first, for instance with rosbags-convert."
+        )
+    try:
+        store = get_typestore(Stores.EMPTY)
+        store.register(parse[encoding](definition, type_name))  # type: ignore[operator]
+        store.get_msgdef(type_name)
+    except Exception as error:  # the parser's errors have no common base
+        raise InputError(
+            f"The recording's definition of {type_name} is not readable: {error}"
+        ) from error
+    return lambda data: _deserialised(store, data, type_name)
+
+
+def _from_jazzy(type_name: str) -> Callable[[Any], Any]:
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    if type_name not in store.fielddefs:
+        raise InputError(f"The recording holds no definition of {type_name}, and Jazzy knows none.")
+    return lambda data: _deserialised(store, data, type_name)
+
+
+def _deserialised(store: Any, data: Any, type_name: str) -> Any:
+    try:
+        return store.deserialize_cdr(data, type_name)
+    except Exception as error:  # struct, unicode and index errors, by where the bytes end
+        raise InputError(f"A message of type {type_name} is damaged: {error}") from error
+
+
+def stamp_ns(message: Any) -> int:
+    """The stamp in a message's header, in nanoseconds."""
+    return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
+
+
+def image_pixels(message: Any) -> np.ndarray:
+    """The pixels of an image message: (height, width) uint8 or uint16, not copied if possible.
+
+    Raises
+    ------
+    InputError
+        If it is not monochrome, or its sizes contradict each other.
+    """
+    kinds = {"mono8": "u1", "8UC1": "u1", "mono16": "u2", "16UC1": "u2"}
+    if message.encoding not in kinds:
+        raise InputError(f"Expected images in mono8 or mono16, got {message.encoding}.")
+    kind = np.dtype(kinds[message.encoding]).newbyteorder(">" if message.is_bigendian else "<")
+    data = np.asarray(message.data).reshape(-1)
+    height, width, step = int(message.height), int(message.width), int(message.step)
+    if step < width * kind.itemsize or data.size < height * step or step % kind.itemsize:
+        raise InputError(
+            f"Expected {height} rows of at least {width * kind.itemsize} bytes, got rows of {step} "
+            f"in {data.size} bytes: the image is damaged."
+        )
+    pixels = data[: height * step].view(kind).reshape(height, step // kind.itemsize)[:, :width]
+    return pixels if pixels.dtype.isnative else pixels.astype(pixels.dtype.newbyteorder("="))
+
+
+def machine_T_spindle(message: Any) -> RigidTransform:
+    """The spindle's pose from a ``geometry_msgs/PoseStamped`` (m), in mm.
+
+    Raises
+    ------
+    InputError
+        If the quaternion is not one, or a number is not finite.
+    """
+    p, q = message.pose.position, message.pose.orientation
+    quaternion = np.array([q.x, q.y, q.z, q.w])
+    position_m = np.array([p.x, p.y, p.z])
+    norm = float(np.linalg.norm(quaternion))
+    if not np.isfinite(position_m).all() or not abs(norm - 1.0) < 1e-3:
+        raise InputError(
+            f"Expected finite positions and unit quaternions in the spindle's poses, got position "
+            f"{position_m.tolist()} m and quaternion (x, y, z, w) {quaternion.tolist()}."
+        )
+    return RigidTransform.from_quaternion_xyzw(quaternion, translation_mm=position_m * 1000.0)

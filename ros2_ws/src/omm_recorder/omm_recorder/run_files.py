@@ -1,0 +1,116 @@
+"""Which files make a run: the recording, and the part and the camera beside it."""
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import yaml
+
+from omm_core.errors import InputError
+
+UNFINISHED = ".unfinished"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunFiles:
+    """The files of one run. `recordings` are in the order in which they were written."""
+
+    folder: Path
+    recordings: tuple[Path, ...]
+
+    def beside(self, name: str) -> Path | None:
+        """A file that lies beside the recording, if it is there."""
+        path = self.folder / name
+        return path if path.is_file() else None
+
+
+def find_run(run: Path) -> RunFiles:
+    """Find the files of a run.
+
+    Parameters
+    ----------
+    run
+        An MCAP file, a folder with ``run.mcap``, or a folder that rosbag2 made.
+
+    Raises
+    ------
+    InputError
+        If there is nothing of the kind.
+    """
+    if run.is_dir():
+        return _in_folder(run)
+    if not run.exists():
+        raise InputError(f"Expected a recording, got {run}, which does not exist.")
+    if not run.is_file():
+        raise InputError(f"Expected an MCAP file or a folder with one, got {run}.")
+    return RunFiles(folder=run.parent, recordings=(run,))
+
+
+def _in_folder(folder: Path) -> RunFiles:
+    single = folder / "run.mcap"
+    if single.is_file():
+        return RunFiles(folder=folder, recordings=(single,))
+    if (folder / "metadata.yaml").is_file():
+        return RunFiles(folder=folder, recordings=_listed(folder))
+    unfinished = sorted(folder.glob(f"*{UNFINISHED}"))
+    if unfinished:
+        raise InputError(
+            f"The recording {unfinished[0]} was never closed: it is still being written, or it was "
+            f"interrupted. If nothing writes it any more: ./omm repair {unfinished[0]}"
+        )
+    others = sorted(folder.glob("*.mcap"))
+    if len(others) == 1:
+        return RunFiles(folder=folder, recordings=(others[0],))
+    got = f"{len(others)} other MCAP files; name one of them" if others else "none"
+    raise InputError(f"Expected run.mcap or a rosbag2 recording in {folder}, got {got}.")
+
+
+def _listed(folder: Path) -> tuple[Path, ...]:
+    """The files that rosbag2's metadata.yaml names."""
+    path = folder / "metadata.yaml"
+    try:
+        information: dict[str, Any] = yaml.safe_load(path.read_text())[
+            "rosbag2_bagfile_information"
+        ]
+        # Old versions wrote the paths relative to the folder above.
+        files = [folder / Path(name).name for name in information["relative_file_paths"]]
+        storage = information["storage_identifier"]
+    except (yaml.YAMLError, KeyError, TypeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} is not the metadata.yaml of rosbag2: {error}") from error
+    if storage != "mcap":
+        raise InputError(
+            f"Expected a recording in MCAP, got {storage} in {folder}. "
+            "Convert it: ros2 bag convert, or rosbags-convert --dst-storage mcap."
+        )
+    missing = [file.name for file in files if not file.is_file()]
+    if missing or not files:
+        raise InputError(
+            f"{path} names files that are missing: {', '.join(missing) or 'none named'}."
+        )
+    return tuple(files)
+
+
+def open_recording(path: Path) -> IO[bytes]:
+    """Open a recording for reading; one that was compressed as a whole file is unpacked first.
+
+    Unpacking goes to a temporary file without a name, so that nothing is left behind.
+    """
+    try:
+        file = path.open("rb")
+        start = file.read(4)
+        file.seek(0)
+    except OSError as error:
+        raise InputError(f"Cannot read {path}: {error.strerror}.") from error
+    if start != b"\x28\xb5\x2f\xfd":
+        return file
+    import zstandard
+
+    unpacked = tempfile.TemporaryFile()  # noqa: SIM115 - the caller closes it
+    try:
+        with file:
+            zstandard.ZstdDecompressor().copy_stream(file, unpacked)
+    except zstandard.ZstdError as error:
+        raise InputError(f"{path} is compressed with zstd and damaged: {error}") from error
+    unpacked.seek(0)
+    return unpacked
