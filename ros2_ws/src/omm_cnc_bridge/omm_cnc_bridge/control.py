@@ -1,0 +1,89 @@
+"""What every control looks like to the bridge: a small protocol and the samples that it yields."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Protocol
+
+
+class Mode(IntEnum):
+    """Mode of the control; the numbers are those of ``omm_interfaces/SpindleState``."""
+
+    UNKNOWN = 0
+    MANUAL = 1
+    MDI = 2
+    AUTOMATIC = 3
+
+
+class ProgramState(IntEnum):
+    """State of the part program; the numbers are those of ``omm_interfaces/SpindleState``."""
+
+    UNKNOWN = 0
+    STOPPED = 1
+    RUNNING = 2
+    WAITING = 3
+    INTERRUPTED = 4
+    FINISHED = 5
+
+
+class Connection(IntEnum):
+    """How well the control is heard; the numbers are those of ``omm_interfaces/SpindleState``."""
+
+    DISCONNECTED = 0
+    CONNECTING = 1
+    CONNECTED = 2
+    STALE = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControlSample:
+    """What a control said of itself at one moment.
+
+    Lengths are mm, angles rad; which of the two an axis has is the machine's description's to say.
+    """
+
+    stamp_ns: int
+    """ROS time at which the positions were true."""
+    stamp_uncertainty_ns: int
+    """Standard deviation of ``stamp_ns``."""
+    positions: Mapping[str, float]
+    """Measured position by axis name, mm or rad."""
+    commanded: Mapping[str, float] = field(default_factory=dict)
+    """Commanded position by axis name, mm or rad; axes are missing where the control is silent."""
+    in_position: bool | None = None
+    """The control's own word; None where it has none."""
+    fault: str | None = None
+    """Why the positions must not be used although they arrived (axis not referenced, lost, …)."""
+    mode: Mode = Mode.UNKNOWN
+    program_state: ProgramState = ProgramState.UNKNOWN
+    program: str = ""
+    program_line: int = -1
+    measure_request: int | None = None
+    """Number of the image that the program waits for now; None where it waits for none."""
+
+
+class Control(Protocol):
+    """A control behind a real or simulated connection.
+
+    One thread calls all methods, except ``acknowledge``, which any thread may call.
+    """
+
+    name: str
+    """``linuxcnc``, ``opcua``, ``mtconnect`` or ``simulated``."""
+
+    def connect(self) -> None:
+        """Connect, or connect again. Raises DeviceError where nothing answers."""
+
+    def read(self, timeout_s: float) -> Sequence[ControlSample]:
+        """Samples that are new since the last call, oldest first; waits for the first of them.
+
+        Empty when none came within ``timeout_s``. Raises DeviceError when the connection is lost.
+        """
+
+    def acknowledge(self, request: int) -> None:
+        """Tell the program that image ``request`` is taken. Raises DeviceError where it cannot."""
+
+    def close(self) -> None:
+        """Disconnect; the control goes on undisturbed. Never raises, may be called twice."""
