@@ -1,3 +1,5 @@
+from glob import glob
+
 from setuptools import find_packages, setup
 
 package_name = "omm_simulation"
@@ -9,6 +11,10 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
         ("share/" + package_name, ["package.xml"]),
+        *(
+            ("share/" + package_name + "/" + folder.rstrip("/"), glob(folder + "*.yaml"))
+            for folder in sorted(glob("scenarios/*/"))
+        ),
     ],
     install_requires=["setuptools"],
     zip_safe=True,

@@ -1,0 +1,198 @@
+"""One cell drawn from a scenario: what is true in it, and what the estimator may know of it."""
+
+import dataclasses
+import json
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omm_core.errors import InputError
+from omm_core.geometry import RigidTransform
+from omm_core.part import Part
+from omm_simulation.scenario import Scenario
+
+# What is drawn from one seed must not depend on what else is drawn from it.
+_STREAMS = {name: i for i, name in enumerate(("part", "clamping", "stops", "machine", "scene"))}
+
+
+def random_stream(seed: int, name: str) -> np.random.Generator:
+    """An own source of random numbers for each thing that is drawn in a cell."""
+    return np.random.default_rng([seed, _STREAMS[name]])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stop:
+    """Where the program stops for an image of a target.
+
+    Attributes
+    ----------
+    target_id : int
+    spindle_in_machine_mm : ndarray, shape (3,)
+        Programmed positions of X, Y, Z.
+    """
+
+    target_id: int
+    spindle_in_machine_mm: NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Cell:
+    """A cell with everything that is true in it.
+
+    Attributes
+    ----------
+    scenario : Scenario
+    seed : int
+    machine_T_part : RigidTransform
+    gamma_s_rad : float
+        How far the holder is turned in the spindle.
+    true_part : Part
+        Where the targets really are (differs from the part file where one was bumped).
+    bumped_id : int or None
+    stops : tuple of Stop
+        In the order of the program.
+    """
+
+    scenario: Scenario
+    seed: int
+    machine_T_part: RigidTransform
+    gamma_s_rad: float
+    true_part: Part
+    bumped_id: int | None
+    stops: tuple[Stop, ...]
+
+    def theta(self) -> dict[str, float]:
+        """The true parameters, in the form of `solve --json` and in the order of θ."""
+        alpha, beta, gamma = self.machine_T_part.euler_xyz_rad()
+        x, y, z = self.machine_T_part.translation_mm
+        names = ("alpha_rad", "beta_rad", "gamma_rad", "x_mm", "y_mm", "z_mm", "gamma_s_rad")
+        values = (alpha, beta, gamma, x, y, z, self.gamma_s_rad)
+        return {name: float(value) for name, value in zip(names, values)}
+
+    def truth(self) -> dict[str, Any]:
+        """What truth.json says."""
+        return {
+            "scenario": self.scenario.name,
+            "seed": self.seed,
+            "theta": self.theta(),
+            "bumped_id": self.bumped_id,
+        }
+
+
+def draw(
+    scenario: Scenario,
+    seed: int,
+    *,
+    clamping_seed: int | None = None,
+    bumped_id: int | None = None,
+    bump_mm: tuple[float, float, float] = (0.3, -0.2, 0.0),
+) -> Cell:
+    """Draw a cell.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    seed : int
+        Equal seeds make equal cells.
+    clamping_seed : int, optional
+        Draws the clamping angle alone: the same cell, the camera clamped anew (repeatability).
+    bumped_id : int, optional
+        A target that is not where the part file says.
+    bump_mm : tuple
+        By how much, in the part frame.
+    """
+    rng = random_stream(seed, "part")
+    placement = scenario.placement
+    translation, angles = (
+        np.array(middle) + rng.uniform(-1.0, 1.0, 3) * spread
+        for middle, spread in (
+            (placement.translation_mm, placement.translation_range_mm),
+            (placement.euler_xyz_rad, placement.euler_xyz_range_rad),
+        )
+    )
+    alpha, beta, gamma = angles
+    clamping = random_stream(seed if clamping_seed is None else clamping_seed, "clamping")
+    return Cell(
+        scenario=scenario,
+        seed=seed,
+        machine_T_part=RigidTransform.from_euler_xyz_rad(alpha, beta, gamma, translation),
+        gamma_s_rad=float(clamping.uniform(-0.5, 0.5) * scenario.backlash_rad),
+        true_part=_bumped(scenario.part, bumped_id, bump_mm),
+        bumped_id=bumped_id,
+        stops=_stops(scenario, seed),
+    )
+
+
+def write_estimator_files(cell: Cell, folder: Path) -> tuple[Path, Path]:
+    """Write part.yaml and camera.yaml, all that the estimator gets; returns the two paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    part, camera = folder / "part.yaml", folder / "camera.yaml"
+    shutil.copyfile(cell.scenario.part_file, part)
+    shutil.copyfile(cell.scenario.calibration_file, camera)
+    return part, camera
+
+
+def write_truth(cell: Cell, path: Path) -> None:
+    """Write truth.json, which the estimator does not get."""
+    path.write_text(json.dumps(cell.truth(), indent=1) + "\n", encoding="utf-8")
+
+
+def _bumped(part: Part, target_id: int | None, bump_mm: tuple[float, float, float]) -> Part:
+    if target_id is None:
+        return part
+    if part.target(target_id) is None:
+        known = ", ".join(str(target.id) for target in part.targets)
+        raise InputError(f"Expected a target to bump out of {known}, got {target_id}.")
+    return dataclasses.replace(
+        part,
+        targets=tuple(
+            dataclasses.replace(t, xyz_mm=t.xyz_mm + bump_mm) if t.id == target_id else t
+            for t in part.targets
+        ),
+    )
+
+
+def _stops(scenario: Scenario, seed: int) -> tuple[Stop, ...]:
+    """Two stops for each target, one stereo base apart along the spindle's x.
+
+    The programmer knows the part's nominal place and the camera's nominal holder, not the truth.
+    """
+    program, placement = scenario.program, scenario.placement
+    rng = random_stream(seed, "stops")
+    machine_T_part = RigidTransform.from_euler_xyz_rad(
+        *placement.euler_xyz_rad, translation_mm=placement.translation_mm
+    )
+    machine_R_spindle = RigidTransform.from_euler_xyz_rad(
+        *scenario.machine.spindle_euler_xyz_rad
+    ).rotation
+    camera_depth_mm = scenario.calibration.taper_T_camera.translation_mm[2]
+    stops = []
+    for target in scenario.part.targets:
+        for side in (-0.5, 0.5):
+            target_in_spindle = np.array([
+                program.offset_mm[0] - side * program.stereo_base_mm,
+                program.offset_mm[1],
+                camera_depth_mm - program.distance_mm,
+            ])
+            position = machine_T_part @ target.xyz_mm - machine_R_spindle @ target_in_spindle
+            position = position + rng.uniform(-1.0, 1.0, 3) * program.spread_mm
+            stops.append(Stop(target_id=target.id, spindle_in_machine_mm=np.round(position, 3)))
+    _check_reachable(scenario, stops)
+    return tuple(stops)
+
+
+def _check_reachable(scenario: Scenario, stops: list[Stop]) -> None:
+    for axis, name in enumerate("XYZ"):
+        limits = scenario.machine.axes[name]
+        for stop in stops:
+            position = stop.spindle_in_machine_mm[axis]
+            if not limits.minimum_mm <= position <= limits.maximum_mm:
+                raise InputError(
+                    f"Scenario {scenario.name}: expected {name} within {limits.minimum_mm} and "
+                    f"{limits.maximum_mm} mm, got {position} for target {stop.target_id}: change "
+                    "the part's placement, the program's distance or the axis' limits."
+                )
