@@ -1,0 +1,124 @@
+"""The picture of a run: every image with its targets, their numbers and enlarged residuals."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+_COLUMNS = 4
+_TILE_PX = (640, 480)
+_CAPTION_PX = 28
+_LOUPE_PX = 200
+_FOUND = (80, 220, 80)
+_REFUSED = (60, 60, 255)
+_RESIDUAL = (0, 200, 255)
+_TEXT = (235, 235, 235)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrawnTarget:
+    """One target to draw: centre and residual in pixels of the image."""
+
+    target_id: int
+    center_px: tuple[float, float]
+    residual_px: tuple[float, float]
+    used: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrawnImage:
+    """One image to draw: (height, width) uint8 or uint16 pixels."""
+
+    pixels: NDArray[np.generic]
+    title: str
+    used: bool
+    targets: tuple[DrawnTarget, ...]
+
+
+def draw_run(images: Sequence[DrawnImage], residual_scale: float) -> NDArray[np.uint8]:
+    """Draw all images of a run in a grid.
+
+    Parameters
+    ----------
+    residual_scale : how many times a residual is enlarged against the full image
+
+    Returns
+    -------
+    (height, width, 3) uint8, blue-green-red
+    """
+    tiles = [_tile(image, residual_scale) for image in images]
+    columns = min(_COLUMNS, len(tiles))
+    blank = np.zeros_like(tiles[0])
+    tiles += [blank] * (-len(tiles) % columns)
+    rows = [np.hstack(tiles[i : i + columns]) for i in range(0, len(tiles), columns)]
+    caption = np.zeros((_CAPTION_PX, rows[0].shape[1], 3), dtype=np.uint8)
+    _write(caption, f"residuals (yellow) enlarged {residual_scale:.0f} times", (8, 20))
+    return np.vstack([*rows, caption])
+
+
+def save_picture(path: Path, picture: NDArray[np.uint8]) -> None:
+    """Write the picture as PNG, whole or not at all."""
+    _, data = cv2.imencode(".png", picture)
+    temporary = path.with_name(path.name + ".new")
+    temporary.write_bytes(data.tobytes())
+    temporary.replace(path)
+
+
+def _tile(image: DrawnImage, residual_scale: float) -> NDArray[np.uint8]:
+    gray = _to_8_bit(image.pixels)
+    scale = min(_TILE_PX[0] / gray.shape[1], _TILE_PX[1] / gray.shape[0])
+    small = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    tile = np.zeros((_TILE_PX[1] + _CAPTION_PX, _TILE_PX[0], 3), dtype=np.uint8)
+    tile[: small.shape[0], : small.shape[1]] = small[:, :, None]
+    for target in image.targets:
+        center = np.array(target.center_px)
+        color = _FOUND if target.used else _REFUSED
+        at = _point(center * scale)
+        cv2.circle(tile, at, 14, color, 1, cv2.LINE_AA)
+        _write(tile, str(target.target_id), (at[0] + 16, at[1] - 8), color)
+        tip = (center + np.array(target.residual_px) * residual_scale) * scale
+        cv2.line(tile, at, _point(tip), _RESIDUAL, 1, cv2.LINE_AA)
+    if image.targets:
+        _loupe(tile, gray, image.targets[0])
+    color = _TEXT if image.used else _REFUSED
+    _write(tile, image.title, (8, _TILE_PX[1] + 20), color)
+    return tile
+
+
+def _loupe(tile: NDArray[np.uint8], gray: NDArray[np.uint8], target: DrawnTarget) -> None:
+    """The first target at three times its size in the lower left corner, with its centre."""
+    half = _LOUPE_PX // 6
+    col, row = (round(c) for c in target.center_px)
+    cut = gray[max(0, row - half) : row + half, max(0, col - half) : col + half]
+    if cut.shape != (2 * half, 2 * half):
+        return
+    large = cv2.resize(cut, (_LOUPE_PX, _LOUPE_PX), interpolation=cv2.INTER_NEAREST)
+    corner = tile[_TILE_PX[1] - _LOUPE_PX : _TILE_PX[1], :_LOUPE_PX]
+    corner[:] = large[:, :, None]
+    factor = _LOUPE_PX / (2 * half)
+    offset = np.array(target.center_px) - (col - half, row - half) + 0.5
+    cv2.drawMarker(corner, _point(offset * factor), _FOUND, cv2.MARKER_CROSS, 17, 1, cv2.LINE_AA)
+    cv2.rectangle(corner, (0, 0), (_LOUPE_PX - 1, _LOUPE_PX - 1), _TEXT, 1)
+
+
+def _to_8_bit(pixels: NDArray[np.generic]) -> NDArray[np.uint8]:
+    if pixels.dtype == np.uint8:
+        return np.asarray(pixels, dtype=np.uint8)
+    top = max(1.0, float(np.percentile(pixels, 99.9)))
+    return np.clip(pixels.astype(np.float32) * (255.0 / top), 0, 255).astype(np.uint8)
+
+
+def _point(xy: NDArray[np.floating]) -> tuple[int, int]:
+    return round(float(xy[0])), round(float(xy[1]))
+
+
+def _write(
+    canvas: NDArray[np.uint8],
+    text: str,
+    at: tuple[int, int],
+    color: tuple[int, int, int] = _TEXT,
+) -> None:
+    cv2.putText(canvas, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.5, color, 1, cv2.LINE_AA)
