@@ -1,0 +1,52 @@
+"""The layers of docs/architecture.md hold: read from the imports of every source file."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+SOURCES = Path(__file__).parents[1] / "ros2_ws" / "src"
+CORE = {"omm_core"}
+ALLOWED = {
+    "omm_core": CORE,
+    "omm_simulation": CORE | {"omm_simulation"},
+    "omm_ros": CORE | {"omm_ros", "omm_interfaces"},
+    "omm_camera_driver": CORE | {"omm_camera_driver", "omm_ros", "omm_interfaces", "omm_simulation"},
+    "omm_cnc_bridge": CORE | {"omm_cnc_bridge", "omm_ros", "omm_interfaces", "omm_simulation"},
+    "omm_estimator": CORE | {"omm_estimator", "omm_ros", "omm_interfaces"},
+    "omm_recorder": CORE | {"omm_recorder", "omm_ros", "omm_interfaces"},
+}
+ROS_FREE = ("omm_core", "omm_simulation")
+
+
+def imported_packages(package: str) -> set[str]:
+    names: set[str] = set()
+    for file in (SOURCES / package / package).rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.Import):
+                names.update(alias.name.split(".")[0] for alias in node.names)
+            elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+                names.add(node.module.split(".")[0])
+    return names
+
+
+@pytest.mark.parametrize("package", sorted(ALLOWED))
+def test_a_package_imports_only_the_packages_below_it(package: str) -> None:
+    ours = {name for name in imported_packages(package) if name.startswith("omm_")}
+    assert ours <= ALLOWED[package]
+
+
+@pytest.mark.parametrize("package", ROS_FREE)
+def test_core_and_simulation_do_not_know_of_ros(package: str) -> None:
+    names = imported_packages(package)
+    messages = {name for name in names if name.endswith(("_msgs", "_srvs", "_interfaces"))}
+    assert "rclpy" not in names
+    assert not messages
+
+
+def test_every_package_declares_what_it_imports_of_ours() -> None:
+    for package in ALLOWED:
+        manifest = (SOURCES / package / "package.xml").read_text()
+        for name in imported_packages(package):
+            if name.startswith("omm_") and name != package:
+                assert f">{name}</" in manifest, f"{package} imports {name}"
