@@ -1,0 +1,86 @@
+"""`sensor_msgs/CameraInfo` from a calibration file, or from a ROS calibration."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import unquote, urlparse
+
+import numpy as np
+from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+from sensor_msgs.msg import CameraInfo
+
+from omm_core.calibration import load_calibration
+from omm_core.errors import InputError
+from omm_core.lens import BrownPhotogrammetric, PlumbBob
+from omm_core.yaml_input import read_yaml
+
+
+@dataclass(frozen=True, kw_only=True)
+class InfoSource:
+    """A message without stamp, and how far off its lens is at most (px)."""
+
+    message: CameraInfo
+    largest_error_px: float = 0.0
+
+
+def from_calibration(path: str) -> InfoSource:
+    """CameraInfo (plumb_bob) of a calibration file; a fit where the file has another model."""
+    lens = load_calibration(path).lens
+    if isinstance(lens, BrownPhotogrammetric):
+        plumb_bob, error_px = lens.to_plumb_bob()
+    elif isinstance(lens, PlumbBob):
+        plumb_bob, error_px = lens, 0.0
+    else:
+        raise InputError(f"{path}: expected a lens with a plumb_bob form, got {type(lens)}.")
+    return InfoSource(message=_message(plumb_bob), largest_error_px=error_px)
+
+
+def from_url(url: str) -> InfoSource:
+    """CameraInfo of the YAML file that ROS's camera_calibration writes.
+
+    Raises
+    ------
+    InputError
+        The address or the file cannot be used.
+    """
+    root = read_yaml(_path(url), "camera info file")
+    model = root.text("distortion_model")
+    if model != "plumb_bob":
+        raise InputError(f"{root.where}: expected distortion_model plumb_bob, got {model}.")
+    k = root.section("camera_matrix").numbers("data", 9)
+    d = root.section("distortion_coefficients").numbers("data", 5)
+    lens = PlumbBob(
+        width_px=root.integer("image_width", minimum=1),
+        height_px=root.integer("image_height", minimum=1),
+        fx_px=float(k[0]), cx_px=float(k[2]), fy_px=float(k[4]), cy_px=float(k[5]),
+        k1=float(d[0]), k2=float(d[1]), p1=float(d[2]), p2=float(d[3]), k3=float(d[4]),
+    )  # fmt: skip
+    return InfoSource(message=_message(lens))
+
+
+def uncalibrated() -> InfoSource:
+    """A message that says, as ROS does by K[0] = 0, that nothing is known."""
+    return InfoSource(message=CameraInfo())
+
+
+def _path(url: str) -> Path:
+    parts = urlparse(url)
+    if parts.scheme == "file":
+        return Path(unquote(parts.path))
+    if parts.scheme == "package":
+        try:
+            return Path(get_package_share_directory(parts.netloc)) / unquote(parts.path).lstrip("/")
+        except PackageNotFoundError:
+            raise InputError(f"camera_info_url: there is no package {parts.netloc}.") from None
+    raise InputError(
+        f"camera_info_url: expected file:///… or package://package/…, got {url!r}."
+    )
+
+
+def _message(lens: PlumbBob) -> CameraInfo:
+    message = CameraInfo(width=lens.width_px, height=lens.height_px, distortion_model="plumb_bob")
+    message.d = [float(value) for value in lens.distortion]
+    message.k = [float(value) for value in lens.camera_matrix.ravel()]
+    message.r = [float(value) for value in np.eye(3).ravel()]
+    projection = np.column_stack([lens.camera_matrix, np.zeros(3)])
+    message.p = [float(value) for value in projection.ravel()]
+    return message

@@ -1,0 +1,261 @@
+"""The camera node: wiring between the worker, which talks to the camera, and ROS."""
+
+import sys
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future, TimeoutError
+from functools import partial
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped
+from omm_interfaces.srv import TriggerImage
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import Empty
+
+from omm_camera_driver import camera_info
+from omm_camera_driver.driver import Camera, Frame
+from omm_camera_driver.drivers import DRIVERS
+from omm_camera_driver.parameters import Parameters, camera_settings
+from omm_camera_driver.true_poses import TruePoses
+from omm_camera_driver.worker import CameraWorker, State, Status
+from omm_core.errors import DeviceError, InputError, OmmError
+from omm_ros import qos
+from omm_ros.conversions import image_message, stamp_ns, time_from_ns, transform_from_pose
+from omm_ros.diagnostics import ERROR, OK, WARN, Diagnostics, Health
+from omm_ros.node_main import run_node
+from omm_ros.parameters import declare, watch
+
+TRUE_POSE_TOPIC = "/simulation/true_spindle_pose"
+
+
+class CameraNode(LifecycleNode):
+    """Publishes /camera/image_raw and /camera/camera_info; takes images when asked."""
+
+    def __init__(self) -> None:
+        super().__init__("camera")
+        self.failure: OmmError | None = None
+        self._parameters = declare(self, Parameters)
+        watch(self, self._parameters, self._on_parameters)
+        self._worker: CameraWorker | None = None
+        self._ended = threading.Event()
+        self.context.on_shutdown(self._ended.set)
+        self._diagnostics = Diagnostics(self)
+        self._diagnostics.add("connection", self._health)
+
+    # --- lifecycle ---
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Read the calibration and prepare the driver; the camera itself is not touched yet."""
+        try:
+            self._info = self._camera_info()
+            self._poses = TruePoses()
+            make_driver = DRIVERS[self._parameters.driver](self._parameters, self._poses)
+            settings = camera_settings(self._parameters)
+        except OmmError as error:
+            self.failure = error
+            self.get_logger().error(str(error))
+            return TransitionCallbackReturn.FAILURE
+        self._worker = CameraWorker(
+            make_driver, settings, self, trigger_timeout_s=self._parameters.trigger_timeout_s
+        )
+        self._make_interfaces()
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Begin to connect; images come as soon as the camera is there."""
+        result = super().on_activate(state)
+        if self._worker is not None:
+            self._worker.start()
+        return result
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Let go of the camera."""
+        self._stop_worker()
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Undo `on_configure`."""
+        self._stop_worker()
+        self._worker = None
+        for destroy in self._undo:
+            destroy()
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Let go of the camera, whatever state it is in."""
+        self._stop_worker()
+        return TransitionCallbackReturn.SUCCESS
+
+    def destroy_node(self) -> None:
+        """Let go of the camera before the publishers go."""
+        self._ended.set()
+        self._stop_worker()
+        super().destroy_node()
+
+    # --- what the worker says, on its thread ---
+
+    def on_frame(self, frame: Frame) -> None:
+        """Publish an image and its camera_info."""
+        frame_id = self._parameters.frame_id
+        image = image_message(frame.image, frame.exposure_mid_ns, frame_id)
+        self._images.publish(image)
+        self._infos.publish(self._info_for(frame, image))
+
+    def on_connected(self, camera: Camera) -> None:
+        """Tell once who it is and what it granted."""
+        self._diagnostics.hardware_id = camera.serial
+        granted = ", ".join(f"{name} {value}" for name, value in camera.granted.items())
+        self.get_logger().info(f"Connected: {camera}" + (f" ({granted})" if granted else ""))
+
+    def on_problem(self, problem: str) -> None:
+        """Tell once what is wrong; the diagnostics go on telling it."""
+        self.get_logger().warning(problem, throttle_duration_sec=1.0)
+
+    # --- what ROS asks ---
+
+    def _trigger(
+        self, request: TriggerImage.Request, response: TriggerImage.Response
+    ) -> TriggerImage.Response:
+        try:
+            if self._worker is None:
+                raise DeviceError("The camera node is not active. Activate it first.")
+            stamp = self._wait(self._worker.request_image(), self._parameters.trigger_timeout_s + 1)
+        except DeviceError as error:
+            response.success, response.message = False, str(error)
+            return response
+        response.success, response.stamp = True, time_from_ns(stamp)
+        return response
+
+    def _wait(self, future: "Future[int]", timeout_s: float) -> int:
+        """The result, or an error when the node ends or the device blocks."""
+        for _ in range(round(timeout_s / 0.2)):
+            try:
+                return future.result(timeout=0.2)
+            except TimeoutError:
+                if self._ended.is_set():
+                    break
+        raise DeviceError("Expected an image, but the camera did not answer in time.")
+
+    def _on_take_image(self, message: Empty) -> None:
+        if self._worker is not None:
+            self._worker.request_image().add_done_callback(self._tell_failure)
+
+    def _tell_failure(self, future: "Future[int]") -> None:
+        if future.exception() is not None:
+            self.get_logger().warning(f"{future.exception()}", throttle_duration_sec=1.0)
+
+    def _on_true_pose(self, message: PoseStamped) -> None:
+        self._poses.add(stamp_ns(message.header.stamp), transform_from_pose(message.pose))
+
+    def _on_parameters(self, updated: Parameters) -> None:
+        before, after = camera_settings(self._parameters), camera_settings(updated)
+        for name in ("exposure_us", "gain"):
+            value = getattr(after, name)
+            if value is not None and value != getattr(before, name) and self._worker is not None:
+                self._change(self._worker, name, value)
+        self._parameters = updated
+
+    def _change(self, worker: CameraWorker, name: str, value: float) -> None:
+        try:
+            granted = worker.change(name, value).result(timeout=1.0)
+        except TimeoutError:
+            self.get_logger().warning(f"{name} is set as soon as the camera answers again.")
+        except DeviceError as error:
+            raise InputError(str(error)) from error
+        else:
+            self.get_logger().info(f"{name}: asked for {value:g}, granted {granted:g}")
+
+    # --- wiring ---
+
+    def _make_interfaces(self) -> None:
+        self._images = self.create_lifecycle_publisher(Image, "/camera/image_raw", qos.IMAGE)
+        self._infos = self.create_lifecycle_publisher(CameraInfo, "/camera/camera_info", qos.IMAGE)
+        # One trigger waits for its image while everything else goes on being answered.
+        group = MutuallyExclusiveCallbackGroup()
+        service = self.create_service(
+            TriggerImage, "~/trigger", self._trigger, callback_group=group
+        )
+        subscriptions = [
+            self.create_subscription(Empty, "~/take_image", self._on_take_image, qos.STATE)
+        ]
+        if self._parameters.driver == "simulated":
+            subscriptions.append(
+                self.create_subscription(
+                    PoseStamped, TRUE_POSE_TOPIC, self._on_true_pose, qos.POSE
+                )
+            )
+        self._undo: list[Callable[[], Any]] = [
+            partial(self.destroy_publisher, self._images),
+            partial(self.destroy_publisher, self._infos),
+            partial(self.destroy_service, service),
+            *(partial(self.destroy_subscription, s) for s in subscriptions),
+        ]
+
+    def _camera_info(self) -> camera_info.InfoSource:
+        file, url = self._parameters.calibration_file, self._parameters.camera_info_url
+        if file and url:
+            raise InputError("Expected calibration_file or camera_info_url, got both.")
+        if not file and not url:
+            return camera_info.uncalibrated()
+        info = camera_info.from_calibration(file) if file else camera_info.from_url(url)
+        self.get_logger().info(
+            f"camera_info is plumb_bob, off the calibration by {info.largest_error_px:.2g} px "
+            "at most over the image."
+        )
+        return info
+
+    def _info_for(self, frame: Frame, image: Image) -> CameraInfo:
+        info = self._info.message
+        info.header = image.header
+        height, width = frame.image.shape
+        if info.k[0] == 0.0:
+            info.width, info.height = width, height
+        elif (width, height) != (info.width, info.height):
+            info.roi.width, info.roi.height = width, height
+            info.roi.x_offset = self._parameters.roi_x_px
+            info.roi.y_offset = self._parameters.roi_y_px
+        return info
+
+    def _stop_worker(self) -> None:
+        if self._worker is not None and not self._worker.stop(timeout_s=1.0):
+            self.get_logger().warning("The camera still blocks; it is left to end by itself.")
+
+    def _health(self) -> Health:
+        if self._worker is None:
+            return Health(level=WARN, message="not configured")
+        status = self._worker.status()
+        return Health(level=_level(status), message=_summary(status), values=_values(status))
+
+
+def _level(status: Status) -> bytes:
+    if status.state is not State.STREAMING:
+        return ERROR
+    return WARN if status.problem else OK
+
+
+def _summary(status: Status) -> str:
+    return status.problem or f"{status.state.value}"
+
+
+def _values(status: Status) -> dict[str, object]:
+    values: dict[str, object] = {
+        "state": status.state.value,
+        "camera": status.camera or "",
+        "rate_hz": round(status.rate_hz, 2),
+        "stamp_uncertainty_us": round(status.stamp_uncertainty_ns / 1000, 1),
+        "published": status.published,
+        "incomplete": status.incomplete,
+        "missing": status.missing,
+        "stale": status.stale,
+        "unanswered_triggers": status.unanswered_triggers,
+        "connections": status.connections,
+    }
+    granted = status.camera.granted if status.camera is not None else {}
+    return {**values, **granted, **status.health}
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the camera node."""
+    sys.exit(run_node(CameraNode, args, threads=3))

@@ -1,0 +1,357 @@
+"""The one thread that talks to the camera, and what it does when the camera goes away.
+
+    absent ──▶ opening ──▶ streaming ──▶ lost ──▶ opening ──▶ …
+
+Nothing else calls the driver: device calls block (a GigE camera that was unplugged keeps `close`
+for seconds), and nobody who must answer may wait for them. After a loss the old connection is
+closed on a thread of its own, and a new one is opened as soon as that has ended.
+"""
+
+import threading
+import time
+import traceback
+from collections import deque
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from typing import Any, Protocol
+
+from omm_camera_driver.driver import (
+    Camera,
+    CameraDriver,
+    CameraSettings,
+    Frame,
+    FrameLost,
+    Trigger,
+)
+from omm_core.errors import DeviceError, InputError, OmmError
+
+# A camera that came back must be in use again within 2 s, so it is looked for more often.
+_RETRY_S = 0.25
+_CHECK_S = 0.5
+_WAIT_FOR_FRAME_S = 0.1
+_RATE_WINDOW_S = 5.0
+
+
+class State(str, Enum):
+    """What the connection is in."""
+
+    ABSENT = "absent"
+    OPENING = "opening"
+    STREAMING = "streaming"
+    LOST = "lost"
+
+
+class Listener(Protocol):
+    """Who gets the frames and hears of what happens; called on the worker's thread."""
+
+    def on_frame(self, frame: Frame) -> None: ...
+
+    def on_connected(self, camera: Camera) -> None: ...
+
+    def on_problem(self, problem: str) -> None: ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Status:
+    """A snapshot for diagnostics."""
+
+    state: State = State.ABSENT
+    problem: str = ""
+    camera: Camera | None = None
+    published: int = 0
+    incomplete: int = 0
+    missing: int = 0
+    stale: int = 0
+    unanswered_triggers: int = 0
+    connections: int = 0
+    rate_hz: float = 0.0
+    stamp_uncertainty_ns: int = 0
+    health: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(kw_only=True, eq=False)
+class _ImageRequest:
+    asked_ns: int
+    deadline_s: float
+    future: "Future[int]" = field(default_factory=Future)
+
+
+class CameraWorker:
+    """Keeps one camera connected and delivers its frames.
+
+    Parameters
+    ----------
+    make_driver : a driver for a new connection
+    settings : applied at every connection
+    listener : gets frames and news
+    trigger_timeout_s : how long a triggered image may take
+    """
+
+    def __init__(
+        self,
+        make_driver: Callable[[], CameraDriver],
+        settings: CameraSettings,
+        listener: Listener,
+        *,
+        trigger_timeout_s: float = 3.0,
+    ) -> None:
+        self._make_driver = make_driver
+        self._settings = settings
+        self._listener = listener
+        self._trigger_timeout_s = trigger_timeout_s
+        self._status = Status()
+        self._requests: deque[_ImageRequest] = deque()
+        self._changes: deque[tuple[str, float, Future[float]]] = deque()
+        self._wake = threading.Event()
+        self._stopping = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._published_at: deque[float] = deque(maxlen=256)
+        self._last_sequence: int | None = None
+
+    # --- called from anywhere ---
+
+    def start(self) -> None:
+        """Begin to connect; returns at once."""
+        self._stopping.clear()
+        self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
+        self._thread.start()
+
+    def stop(self, timeout_s: float = 1.0) -> bool:
+        """End; False when the device still blocks the thread, which then ends by itself."""
+        self._stopping.set()
+        self._wake.set()
+        self._refuse_all("The camera is being stopped.")
+        thread, self._thread = self._thread, None
+        if thread is None:
+            return True
+        thread.join(timeout_s)
+        return not thread.is_alive()
+
+    def request_image(self) -> "Future[int]":
+        """Ask for one image; the future gives its stamp in ns once it has been published."""
+        now_s = time.monotonic()
+        request = _ImageRequest(asked_ns=time.time_ns(), deadline_s=now_s + self._trigger_timeout_s)
+        status = self._status
+        if status.state is not State.STREAMING or self._stopping.is_set():
+            request.future.set_exception(DeviceError(_why_not(status)))
+            return request.future
+        self._requests.append(request)
+        self._wake.set()
+        return request.future
+
+    def change(self, name: str, value: float) -> "Future[float]":
+        """Change exposure_us or gain, now and at every later connection."""
+        future: Future[float] = Future()
+        if self._status.state is not State.STREAMING:
+            self._settings = replace(self._settings, **{name: value})  # type: ignore[arg-type]
+            future.set_result(value)
+            return future
+        self._changes.append((name, value, future))
+        self._wake.set()
+        return future
+
+    def status(self) -> Status:
+        """What is known now."""
+        now_s = time.monotonic()
+        recent = [t for t in list(self._published_at) if now_s - t < _RATE_WINDOW_S]
+        rate_hz = (len(recent) - 1) / (recent[-1] - recent[0]) if len(recent) > 1 else 0.0
+        return replace(self._status, rate_hz=rate_hz)
+
+    # --- the thread ---
+
+    def _run(self) -> None:
+        while not self._stopping.is_set():
+            driver = self._make_driver()
+            try:
+                self._connect(driver)
+                self._stream(driver)
+            except OmmError as error:
+                self._failed(str(error))
+            except Exception as error:  # a driver's defect must not end the camera for good
+                self._failed(f"{type(error).__name__} in the driver: {error}")
+                traceback.print_exc()
+            finally:
+                self._dispose(driver)
+            self._stopping.wait(_RETRY_S)
+
+    def _connect(self, driver: CameraDriver) -> None:
+        self._status = replace(self._status, state=State.OPENING)
+        camera = driver.open(self._settings)
+        driver.start()
+        self._last_sequence = None
+        self._status = replace(
+            self._status,
+            state=State.STREAMING,
+            problem="",
+            camera=camera,
+            connections=self._status.connections + 1,
+        )
+        self._listener.on_connected(camera)
+
+    def _failed(self, problem: str) -> None:
+        was_connected = self._status.camera is not None
+        state = State.LOST if was_connected else State.ABSENT
+        news = problem != self._status.problem
+        self._status = replace(self._status, state=state, problem=problem)
+        self._refuse_all(_why_not(self._status))
+        if news:
+            self._listener.on_problem(problem)
+
+    def _dispose(self, driver: CameraDriver) -> None:
+        """Close on a thread of its own, so that stopping need not wait for a device's time-outs."""
+        closing = threading.Thread(target=driver.close, name="camera closing", daemon=True)
+        closing.start()
+        while closing.is_alive() and not self._stopping.is_set():
+            closing.join(0.05)
+        closing.join(0.5)
+
+    def _stream(self, driver: CameraDriver) -> None:
+        camera = self._status.camera
+        on_demand = self._settings.trigger is Trigger.SOFTWARE
+        triggers = on_demand and camera is not None and camera.has_software_trigger
+        checked_s = time.monotonic()
+        while not self._stopping.is_set():
+            self._apply_changes(driver)
+            if triggers:
+                self._wake.wait(_CHECK_S)
+                self._wake.clear()
+                while self._requests and not self._stopping.is_set():
+                    self._take_triggered(driver, self._requests.popleft())
+            else:
+                self._take_next(driver, only_asked_for=on_demand)
+            if time.monotonic() - checked_s > _CHECK_S:
+                driver.check()
+                self._status = replace(self._status, health=driver.health())
+                checked_s = time.monotonic()
+
+    def _apply_changes(self, driver: CameraDriver) -> None:
+        while self._changes:
+            name, value, future = self._changes.popleft()
+            try:
+                granted = driver.set(name, value)
+            except InputError as error:
+                future.set_exception(error)
+            except DeviceError as error:
+                future.set_exception(error)
+                raise
+            else:
+                self._settings = replace(self._settings, **{name: value})  # type: ignore[arg-type]
+                future.set_result(granted)
+
+    def _take_triggered(self, driver: CameraDriver, request: _ImageRequest) -> None:
+        """Trigger, and publish the image that was exposed after that, no older one."""
+        try:
+            driver.flush()
+            driver.trigger()
+            frame = self._frame_after(driver, request)
+        except FrameLost as error:
+            self._unanswered(request, str(error))
+            return
+        except DeviceError as error:
+            request.future.set_exception(DeviceError(str(error)))
+            raise
+        if frame is None:
+            self._unanswered(
+                request,
+                f"Expected an image within {self._trigger_timeout_s:g} s of the trigger, got none. "
+                "Where this repeats, check the network (lost packets) and the exposure time.",
+            )
+            return
+        self._publish(frame)
+        request.future.set_result(frame.exposure_mid_ns)
+
+    def _frame_after(self, driver: CameraDriver, request: _ImageRequest) -> Frame | None:
+        retried = False
+        while not self._stopping.is_set():
+            left_s = request.deadline_s - time.monotonic()
+            if left_s <= 0.0:
+                driver.check()
+                return None
+            frame = driver.next_frame(min(left_s, _WAIT_FOR_FRAME_S))
+            if frame is None:
+                continue
+            if not self._usable(frame):
+                if not retried:  # what was lost on the way is asked for once more
+                    retried = True
+                    driver.trigger()
+                continue
+            if _is_exposed_after(frame, request.asked_ns):
+                return frame
+            self._status = replace(self._status, stale=self._status.stale + 1)
+        return None
+
+    def _take_next(self, driver: CameraDriver, *, only_asked_for: bool) -> None:
+        try:
+            frame = driver.next_frame(_WAIT_FOR_FRAME_S)
+        except FrameLost as error:
+            self._status = replace(self._status, problem=str(error))
+            self._listener.on_problem(str(error))
+            frame = None
+        self._expire_requests()
+        if frame is None or not self._usable(frame):
+            return
+        answered = [r for r in list(self._requests) if _is_exposed_after(frame, r.asked_ns)]
+        if only_asked_for and not answered:
+            return
+        self._publish(frame)
+        for request in answered:
+            self._requests.remove(request)
+            request.future.set_result(frame.exposure_mid_ns)
+
+    def _usable(self, frame: Frame) -> bool:
+        """Count what was lost on the way, and tell whether this image is whole."""
+        status = self._status
+        if self._last_sequence is not None and frame.sequence > self._last_sequence + 1:
+            missing = frame.sequence - self._last_sequence - 1
+            status = replace(status, missing=status.missing + missing)
+        self._last_sequence = frame.sequence
+        if not frame.complete:
+            status = replace(status, incomplete=status.incomplete + 1)
+        self._status = status
+        return frame.complete
+
+    def _publish(self, frame: Frame) -> None:
+        self._listener.on_frame(frame)
+        self._published_at.append(time.monotonic())
+        self._status = replace(
+            self._status,
+            published=self._status.published + 1,
+            stamp_uncertainty_ns=frame.stamp_uncertainty_ns,
+        )
+
+    def _expire_requests(self) -> None:
+        while self._requests and self._requests[0].deadline_s < time.monotonic():
+            self._unanswered(
+                self._requests.popleft(),
+                f"Expected an image within {self._trigger_timeout_s:g} s, got none.",
+            )
+
+    def _unanswered(self, request: _ImageRequest, problem: str) -> None:
+        count = self._status.unanswered_triggers + 1
+        self._status = replace(self._status, unanswered_triggers=count)
+        request.future.set_exception(DeviceError(problem))
+
+    def _refuse_all(self, problem: str) -> None:
+        while self._requests:
+            try:
+                request = self._requests.popleft()
+            except IndexError:  # the other thread was faster
+                return
+            request.future.set_exception(DeviceError(problem))
+        while self._changes:
+            name, value, future = self._changes.popleft()
+            self._settings = replace(self._settings, **{name: value})  # type: ignore[arg-type]
+            future.set_result(value)
+
+
+def _is_exposed_after(frame: Frame, asked_ns: int) -> bool:
+    begin_ns = frame.exposure_mid_ns - frame.exposure_ns // 2
+    return begin_ns + frame.stamp_uncertainty_ns >= asked_ns
+
+
+def _why_not(status: Status) -> str:
+    if status.problem:
+        return f"The camera is {status.state.value}: {status.problem}"
+    return f"The camera is {status.state.value}. Try again when it is streaming."
