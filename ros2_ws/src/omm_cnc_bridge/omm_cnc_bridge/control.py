@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Protocol
+from typing import Protocol, runtime_checkable
+
+from omm_core.geometry import RigidTransform
 
 
 class Mode(IntEnum):
@@ -87,3 +89,27 @@ class Control(Protocol):
 
     def close(self) -> None:
         """Disconnect; the control goes on undisturbed. Never raises, may be called twice."""
+
+
+@runtime_checkable
+class StartsPrograms(Protocol):
+    """A control that can be told to start its measuring program."""
+
+    def start_program(self) -> None:
+        """Start the program from its beginning. Raises DeviceError where that is refused."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TruePose:
+    """Where the spindle of a simulated machine truly was."""
+
+    stamp_ns: int
+    machine_T_spindle: RigidTransform
+
+
+@runtime_checkable
+class KnowsTruth(Protocol):
+    """A simulated machine, which tells the simulated camera what the control does not know."""
+
+    def read_truth(self) -> Sequence[TruePose]:
+        """Where the spindle truly was since the last call, oldest first."""

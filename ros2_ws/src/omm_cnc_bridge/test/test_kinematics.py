@@ -182,7 +182,8 @@ def test_an_axis_that_moves_spindle_and_part_together_is_refused(tmp_path):
     path = tmp_path / "machine.urdf"
     path.write_text(
         '<robot name="r"><link name="machine"/><link name="bed"/><link name="spindle"/>'
-        '<link name="part_carrier"/><joint name="U" type="continuous"><parent link="machine"/><child link="bed"/></joint>'
+        '<link name="part_carrier"/>'
+        '<joint name="U" type="continuous"><parent link="machine"/><child link="bed"/></joint>'
         '<joint name="X" type="continuous"><parent link="bed"/><child link="spindle"/></joint>'
         '<joint name="C" type="continuous"><parent link="bed"/><child link="part_carrier"/>'
         "</joint></robot>"

@@ -1,0 +1,62 @@
+"""Judged samples as ROS messages: mm become m, integers become the message's constants."""
+
+import math
+
+from geometry_msgs.msg import PoseStamped, TransformStamped
+from omm_interfaces.msg import SpindleState
+
+from omm_cnc_bridge.control import Connection
+from omm_cnc_bridge.judgement import Judgement
+from omm_cnc_bridge.kinematics import Machine
+from omm_core.geometry import RigidTransform
+from omm_ros.conversions import MM_PER_M, pose_from_transform, time_from_ns, transform_message
+
+MACHINE_FRAME = "machine"
+SPINDLE_FRAME = "spindle"
+
+
+def pose_message(stamp_ns: int, machine_T_spindle: RigidTransform) -> PoseStamped:
+    """The pose, stamped with when it was true."""
+    message = PoseStamped(pose=pose_from_transform(machine_T_spindle))
+    message.header.stamp = time_from_ns(stamp_ns)
+    message.header.frame_id = MACHINE_FRAME
+    return message
+
+
+def spindle_transform(stamp_ns: int, machine_T_spindle: RigidTransform) -> TransformStamped:
+    """The same for /tf."""
+    message = TransformStamped(transform=transform_message(machine_T_spindle))
+    message.header.stamp = time_from_ns(stamp_ns)
+    message.header.frame_id = MACHINE_FRAME
+    message.child_frame_id = SPINDLE_FRAME
+    return message
+
+
+def state_message(
+    control: str, connection: Connection, detail: str, judged: Judgement | None, machine: Machine
+) -> SpindleState:
+    """State of the control as of the last sample; nothing of it is current unless connected."""
+    message = SpindleState(
+        control=control, connection=int(connection), connection_detail=detail, program_line=-1
+    )
+    message.header.frame_id = MACHINE_FRAME
+    message.moving_reason = detail or "no sample yet"
+    if judged is None:
+        return message
+    sample = judged.sample
+    connected = connection is Connection.CONNECTED
+    message.header.stamp = time_from_ns(sample.stamp_ns)
+    message.stamp_uncertainty = sample.stamp_uncertainty_ns / 1e9
+    message.mode = int(sample.mode)
+    message.program_state = int(sample.program_state)
+    message.program, message.program_line = sample.program, sample.program_line
+    scales = {a.name: 1.0 if a.rotary else 1.0 / MM_PER_M for a in machine.axes}
+    for axis, scale in scales.items():
+        message.axis_names.append(axis)
+        message.axis_positions.append(judged.axes.get(axis, math.nan) * scale)
+        message.axis_commanded.append(sample.commanded.get(axis, math.nan) * scale)
+    message.in_position = connected and not judged.moving_reason
+    message.moving_reason = judged.moving_reason if connected else detail
+    message.measure_requested = connected and sample.measure_request is not None
+    message.measure_request = sample.measure_request or 0
+    return message

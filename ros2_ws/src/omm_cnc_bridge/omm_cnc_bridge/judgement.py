@@ -1,0 +1,138 @@
+"""Which samples of a control become poses. What this refuses is what the bridge is worth."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from omm_cnc_bridge.control import ControlSample
+from omm_cnc_bridge.kinematics import Machine
+from omm_cnc_bridge.standstill import StandStill, StandStillLimits
+from omm_core.errors import InputError
+from omm_core.geometry import RigidTransform
+
+
+class Reported(Enum):
+    """What the positions of a control are."""
+
+    AXES = "axes"
+    TOOL_POINT = "tool_point"
+    """X, Y, Z are the tool point in the standing machine (RTCP), the others are axes."""
+    TOOL_POINT_ON_PART = "tool_point_on_part"
+    """The same, in coordinates that turn with the table."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SampleLimits:
+    """What a sample must fulfil to become a pose."""
+
+    age_ns: int = 500_000_000
+    """Largest age on arrival."""
+    stamp_uncertainty_ns: int = 10_000_000
+    """Largest standard deviation of a stamp."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Judgement:
+    """What came of one sample."""
+
+    sample: ControlSample
+    axes: Mapping[str, float]
+    """Axis positions, mm or rad; found from the tool point where the control reports that."""
+    machine_T_spindle: RigidTransform | None
+    refused: str
+    """Why there is no pose; empty where there is one."""
+    moving_reason: str
+    """Why the spindle is not known to stand still; empty where it is."""
+    rest_since_ns: int | None
+    age_ns: int
+
+
+class Judge:
+    """Judges the samples of one control, in the order in which they arrive."""
+
+    def __init__(
+        self,
+        machine: Machine,
+        still: StandStillLimits,
+        limits: SampleLimits,
+        *,
+        reported: Reported = Reported.AXES,
+        tool_length_mm: float = 0.0,
+    ) -> None:
+        self.machine = machine
+        self._still = StandStill(still, machine.rotary)
+        self._limits = limits
+        self._reported = reported
+        self._tool_length_mm = tool_length_mm
+        self._last_ns = 0
+        self.refusals: Counter[str] = Counter()
+        """How many samples were refused for what."""
+
+    def judge(self, sample: ControlSample, now_ns: int) -> Judgement:
+        """Make a pose of a sample, or say why not."""
+        age_ns = now_ns - sample.stamp_ns
+        refused = self._refused(sample, age_ns)
+        pose, axes = None, sample.positions
+        if not refused:
+            try:
+                axes = self._axes(sample.positions)
+                pose = self.machine.machine_T_spindle(axes)
+            except InputError as error:
+                refused = str(error)
+                self.refusals["kinematics"] += 1
+        if refused:
+            self._still.forget()  # nothing is known of the time that it stood for
+        else:
+            self._last_ns = sample.stamp_ns
+        moving = refused or self._still.update(sample)
+        return Judgement(
+            sample=sample,
+            axes=axes,
+            machine_T_spindle=pose,
+            refused=refused,
+            moving_reason=moving,
+            rest_since_ns=None if moving else self._still.since_ns,
+            age_ns=age_ns,
+        )
+
+    def forget(self) -> None:
+        """Start anew, as after a lost connection."""
+        self._still.forget()
+
+    def _refused(self, sample: ControlSample, age_ns: int) -> str:
+        if sample.fault:
+            self.refusals["fault"] += 1
+            return sample.fault
+        if sample.stamp_ns <= self._last_ns:
+            self.refusals["out of order"] += 1
+            return f"stamp not after the one before ({sample.stamp_ns - self._last_ns} ns)"
+        if sample.stamp_uncertainty_ns > self._limits.stamp_uncertainty_ns:
+            self.refusals["clock uncertain"] += 1
+            known_ms = sample.stamp_uncertainty_ns / 1e6
+            return f"the control's clock is known to {known_ms:.1f} ms only, wait"
+        if age_ns > self._limits.age_ns:
+            self.refusals["late"] += 1
+            return f"late by {age_ns / 1e9:.3f} s"
+        if age_ns < -self._limits.stamp_uncertainty_ns:
+            self.refusals["future"] += 1
+            return f"stamped {-age_ns / 1e9:.3f} s in the future"
+        return ""
+
+    def _axes(self, positions: Mapping[str, float]) -> Mapping[str, float]:
+        if self._reported is Reported.AXES:
+            return positions
+        try:
+            p_tool_mm = np.array([positions[name] for name in ("X", "Y", "Z")])
+        except KeyError as error:
+            raise InputError(f"Expected the tool point as X, Y, Z; {error} is missing.") from error
+        return self.machine.axes_at_tool_point(
+            positions,
+            p_tool_mm,
+            self._tool_length_mm,
+            turns_with_part=self._reported is Reported.TOOL_POINT_ON_PART,
+        )

@@ -1,0 +1,331 @@
+"""The node ``cnc_bridge``: wiring between a control and ROS.
+
+One thread reads the control and publishes; the executor's threads answer services and timers.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable
+
+from geometry_msgs.msg import PoseStamped
+from omm_interfaces.msg import SpindleState
+from omm_interfaces.srv import TriggerImage
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.node import Node
+from rclpy.task import Future
+from std_srvs.srv import Trigger as TriggerService
+from tf2_msgs.msg import TFMessage
+
+from omm_cnc_bridge import conversions
+from omm_cnc_bridge.control import Connection, ControlSample, KnowsTruth, StartsPrograms
+from omm_cnc_bridge.controls import make_control
+from omm_cnc_bridge.handshake import Acknowledge, Action, Handshake, HandshakeLimits, Trigger
+from omm_cnc_bridge.judgement import Judge, Judgement, Reported, SampleLimits
+from omm_cnc_bridge.kinematics import Machine
+from omm_cnc_bridge.parameters import Parameters
+from omm_cnc_bridge.standstill import StandStillLimits
+from omm_core.errors import DeviceError
+from omm_ros import qos
+from omm_ros.conversions import stamp_ns
+from omm_ros.diagnostics import ERROR, OK, WARN, Diagnostics, Health
+from omm_ros.node_main import run_node
+from omm_ros.parameters import declare
+
+TF_RATE_HZ = 30.0
+
+
+class CncBridgeNode(Node):
+    """Publishes true spindle poses of a control, and has images taken where its program asks."""
+
+    def __init__(self) -> None:
+        super().__init__("cnc_bridge")
+        self._p = p = declare(self, Parameters)
+        self._control, machine = make_control(p)
+        self._judge = _make_judge(p, machine)
+        self._handshake = _make_handshake(p)
+        self._lock = threading.Lock()  # around the handshake
+        self._connection, self._detail = Connection.DISCONNECTED, "not connected yet"
+        self._judged: Judgement | None = None
+        self._heard_s = 0.0
+        self._state_due_s = self._tf_due_s = 0.0
+        self._ages_ns: deque[int] = deque(maxlen=1000)
+        self._failure: Exception | None = None
+        self._started = False
+
+        self._pose = self.create_publisher(PoseStamped, "/cnc/spindle_pose", qos.POSE)
+        self._state = self.create_publisher(SpindleState, "/cnc/state", qos.STATE)
+        self._tf = self.create_publisher(TFMessage, "/tf", qos.STATE)
+        self._truth = (
+            self.create_publisher(PoseStamped, "/simulation/true_spindle_pose", qos.POSE)
+            if p.publish_truth and isinstance(self._control, KnowsTruth)
+            else None
+        )
+        group = ReentrantCallbackGroup()
+        self._camera = (
+            self.create_client(TriggerImage, p.trigger_service, callback_group=group)
+            if p.trigger_service
+            else None
+        )
+        if isinstance(self._control, StartsPrograms):
+            self.create_service(TriggerService, "~/start_program", self._on_start_program)
+        self.create_timer(1.0 / p.state_rate_hz, self._on_timer)
+        diagnostics = Diagnostics(self, hardware_id=p.control)
+        diagnostics.add("connection", self._connection_health)
+        diagnostics.add("poses", self._pose_health)
+        diagnostics.add("images", self._image_health)
+
+        self._tell_what_it_may_do()
+        self._stopping = threading.Event()
+        self._reader = threading.Thread(target=self._run, name="control reader", daemon=True)
+        self._reader.start()
+
+    def destroy_node(self) -> None:
+        """Stop reading, disconnect, and end the node."""
+        self._stopping.set()
+        self._reader.join(timeout=5.0)
+        super().destroy_node()
+
+    # --- the reading thread --------------------------------------------------------------------
+
+    def _run(self) -> None:
+        """Connect, read until the connection is lost, and so on until the end."""
+        while not self._stopping.is_set():
+            try:
+                self._set_connection(Connection.CONNECTING, "no sample yet")
+                self._control.connect()
+                while not self._stopping.is_set():
+                    self._read()
+            except DeviceError as error:
+                self._lost(error)
+            except Exception as error:  # ends the node: the timer raises it in the main thread
+                if self.context.ok():
+                    self._failure = error
+                return
+            finally:
+                self._control.close()
+            self._stopping.wait(self._p.reconnect_s)
+
+    def _read(self) -> None:
+        samples = self._control.read(0.05)
+        for sample in samples:
+            self._take(sample)
+        if self._truth is not None and isinstance(self._control, KnowsTruth):
+            for pose in self._control.read_truth():
+                self._truth.publish(conversions.pose_message(pose.stamp_ns, pose.machine_T_spindle))
+
+    def _take(self, sample: ControlSample) -> None:
+        """Judge one sample, publish what it is good for, and serve the program."""
+        now_ns = time.time_ns()
+        judged = self._judge.judge(sample, now_ns)
+        if judged.machine_T_spindle is not None:
+            self._publish_pose(judged)
+        if sample.stamp_ns > now_ns - round(self._p.stale_after_s * 1e9):
+            self._heard_s = time.monotonic()
+            self._set_connection(Connection.CONNECTED, "")
+        with self._lock:
+            action = self._handshake.sample(sample, judged.rest_since_ns, now_ns)
+        self._act(action)
+        changed = self._judged is None or _noteworthy(self._judged) != _noteworthy(judged)
+        self._judged = judged
+        if changed or action is not None:
+            self._publish_state()
+
+    def _publish_pose(self, judged: Judgement) -> None:
+        pose, stamp = judged.machine_T_spindle, judged.sample.stamp_ns
+        assert pose is not None
+        self._pose.publish(conversions.pose_message(stamp, pose))
+        self._ages_ns.append(judged.age_ns)
+        if time.monotonic() >= self._tf_due_s:
+            self._tf_due_s = time.monotonic() + 1.0 / TF_RATE_HZ
+            self._tf.publish(TFMessage(transforms=[conversions.spindle_transform(stamp, pose)]))
+
+    # --- the handshake -------------------------------------------------------------------------
+
+    def _act(self, action: Action) -> None:
+        if isinstance(action, Trigger):
+            self._trigger(action)
+        elif isinstance(action, Acknowledge):
+            try:
+                self._control.acknowledge(action.request)
+            except DeviceError as error:
+                self.get_logger().error(f"image {action.request} is not acknowledged: {error}")
+                with self._lock:
+                    self._handshake.refused(str(error), time.time_ns())
+
+    def _trigger(self, action: Trigger) -> None:
+        if self._camera is None:
+            return
+        if not self._camera.service_is_ready():
+            self._answer(action, None, f"no service {self._p.trigger_service}")
+            return
+        future = self._camera.call_async(TriggerImage.Request())
+        future.add_done_callback(lambda done: self._on_image(action, done))
+
+    def _on_image(self, action: Trigger, future: Future) -> None:
+        response = future.result()
+        if response is None or not response.success:
+            self._answer(action, None, response.message if response else "no answer")
+        else:
+            self._answer(action, stamp_ns(response.stamp), "")
+
+    def _answer(self, action: Trigger, image_ns: int | None, message: str) -> None:
+        with self._lock:
+            self._handshake.image(action.attempt, image_ns, message, time.time_ns())
+        if image_ns is None:
+            self.get_logger().warning(f"image {self._handshake.request}: {self._handshake.status}")
+
+    def _on_start_program(
+        self, _: TriggerService.Request, response: TriggerService.Response
+    ) -> TriggerService.Response:
+        response.success, response.message = self._start_program()
+        return response
+
+    def _start_program(self) -> tuple[bool, str]:
+        control = self._control
+        if self._p.control != "simulated" and not self._p.allow_commands:
+            return False, "allow_commands is false: start the program at the control"
+        if self._connection is not Connection.CONNECTED or not isinstance(control, StartsPrograms):
+            return False, f"{self._p.control} is not connected: {self._detail}"
+        try:
+            control.start_program()
+        except DeviceError as error:
+            return False, str(error)
+        self._started = True
+        return True, "started"
+
+    # --- state ---------------------------------------------------------------------------------
+
+    def _on_timer(self) -> None:
+        if self._failure is not None:
+            raise self._failure
+        silent_s = time.monotonic() - self._heard_s
+        if self._connection is Connection.CONNECTED and silent_s > self._p.stale_after_s:
+            self._set_connection(Connection.STALE, "the control says nothing new")
+        if time.monotonic() >= self._state_due_s:
+            self._publish_state()
+        camera = self._camera is not None and self._camera.service_is_ready()
+        wanted = self._p.control == "simulated" and self._p.start_program
+        if wanted and camera and not self._started and self._connection is Connection.CONNECTED:
+            self._start_program()
+
+    def _publish_state(self) -> None:
+        self._state_due_s = time.monotonic() + 0.9 / self._p.state_rate_hz
+        message = conversions.state_message(
+            self._p.control, self._connection, self._detail, self._judged, self._judge.machine
+        )
+        message.measure_acknowledged = self._handshake.acknowledged
+        self._state.publish(message)
+
+    def _set_connection(self, connection: Connection, detail: str) -> None:
+        changed = connection is not self._connection
+        self._connection, self._detail = connection, detail
+        if changed:
+            lost = connection in (Connection.STALE, Connection.DISCONNECTED)
+            say = self.get_logger().warning if lost else self.get_logger().info
+            say(f"{self._p.control}: {connection.name.lower()}{': ' if detail else ''}{detail}")
+            self._publish_state()
+
+    def _lost(self, error: DeviceError) -> None:
+        self._judge.forget()
+        with self._lock:
+            self._handshake = _make_handshake(self._p, self._handshake.acknowledged)
+        self._set_connection(Connection.DISCONNECTED, f"{error} Trying again.")
+
+    def _tell_what_it_may_do(self) -> None:
+        if self._p.control == "simulated":
+            return
+        self.get_logger().info(
+            "allow_commands is true: the bridge may start programs on this control."
+            if self._p.allow_commands
+            else "The bridge only reads this control (allow_commands is false); it answers the "
+            "measuring program's requests for images, and moves or sets nothing else."
+        )
+
+    # --- diagnostics ---------------------------------------------------------------------------
+
+    def _connection_health(self) -> Health:
+        good = self._connection is Connection.CONNECTED
+        values = {"connection": self._connection.name, **self._clock_values()}
+        return Health(level=OK if good else ERROR, message=self._detail or "fine", values=values)
+
+    def _clock_values(self) -> dict[str, object]:
+        clock = getattr(self._control, "clock", None)
+        if clock is None or clock.relation is None:
+            return {}
+        return {
+            "clock offset [ms]": f"{clock.relation.offset_ns / 1e6:.3f}",
+            "clock drift [ppm]": f"{clock.relation.drift * 1e6:.1f}",
+            "clock uncertainty [ms]": f"{clock.relation.uncertainty_ns / 1e6:.3f}",
+            "clock jumps": clock.jumps,
+        }
+
+    def _pose_health(self) -> Health:
+        judged, refusals = self._judged, Counter(self._judge.refusals)
+        ages = sorted(self._ages_ns.copy())
+        values: dict[str, object] = {f"refused: {why}": n for why, n in refusals.items()}
+        if ages:
+            values["age p50 [ms]"] = f"{ages[len(ages) // 2] / 1e6:.2f}"
+            values["age p99 [ms]"] = f"{ages[len(ages) * 99 // 100] / 1e6:.2f}"
+        if judged is None:
+            return Health(level=WARN, message="no sample yet", values=values)
+        limits = self._judge.machine.out_of_limits(judged.axes)
+        message = judged.refused or "; ".join(limits) or "fine"
+        return Health(
+            level=WARN if judged.refused or limits else OK, message=message, values=values
+        )
+
+    def _image_health(self) -> Health:
+        with self._lock:
+            status, trouble = self._handshake.status, self._handshake.trouble
+            values = {"last acknowledged": self._handshake.acknowledged}
+        return Health(level=ERROR if trouble else OK, message=status, values=values)
+
+
+def _noteworthy(judged: Judgement) -> tuple[object, ...]:
+    """What is published at once when it changes."""
+    s = judged.sample
+    still = not judged.moving_reason
+    return s.measure_request, still, s.program_state, s.mode, s.program, bool(judged.refused)
+
+
+def _ns(seconds: float) -> int:
+    return round(seconds * 1e9)
+
+
+def _make_judge(p: Parameters, machine: Machine) -> Judge:
+    still = StandStillLimits(
+        tolerance_mm=p.tolerance_mm,
+        tolerance_rad=p.tolerance_rad,
+        dwell_ns=_ns(p.dwell_s),
+        gap_ns=_ns(p.gap_s),
+    )
+    limits = SampleLimits(
+        age_ns=_ns(p.max_age_s), stamp_uncertainty_ns=_ns(p.max_stamp_uncertainty_s)
+    )
+    return Judge(
+        machine,
+        still,
+        limits,
+        reported=Reported(p.reported),
+        tool_length_mm=p.tool_length_mm,
+    )
+
+
+def _make_handshake(p: Parameters, acknowledged: int = 0) -> Handshake:
+    limits = HandshakeLimits(
+        trigger_timeout_ns=_ns(p.trigger_timeout_s),
+        attempts=p.trigger_attempts,
+        retry_ns=_ns(p.retry_s),
+        hold_ns=_ns(p.hold_after_image_s),
+    )
+    handshake = Handshake(limits)
+    handshake.acknowledged = acknowledged
+    return handshake
+
+
+def main(args: list[str] | None = None) -> int:
+    make: Callable[[], Node] = CncBridgeNode
+    return run_node(make, args, threads=2)

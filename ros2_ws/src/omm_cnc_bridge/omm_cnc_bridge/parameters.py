@@ -1,0 +1,89 @@
+"""All parameters of the node ``cnc_bridge``."""
+
+from dataclasses import dataclass
+
+from omm_ros.parameters import parameter
+
+CONTROLS = ("simulated", "linuxcnc", "opcua", "mtconnect")
+REPORTED = ("axes", "tool_point", "tool_point_on_part")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameters:
+    """See docs/cnc_controls.md; `./omm machine show` checks a machine file."""
+
+    control: str = parameter("simulated", "Kind of control.", choices=CONTROLS)
+    machine_file: str = parameter(
+        "", "URDF of the machine; may be left out with the simulated control, which knows its own."
+    )
+    reported: str = parameter(
+        "axes",
+        "What the control's positions are: those of its axes, or (RTCP) X, Y, Z of the tool point "
+        "in the standing machine or in coordinates that turn with the table.",
+        choices=REPORTED,
+    )
+    tool_length_mm: float = parameter(
+        0.0, "From the spindle's origin to the tool point, where the control reports that."
+    )
+    allow_commands: bool = parameter(
+        False, "Whether the bridge may start programs on a real control. It otherwise only reads."
+    )
+
+    tolerance_mm: float = parameter(
+        0.005, "Largest |command - actual| and motion of a linear axis at rest.", minimum=1e-6
+    )
+    tolerance_rad: float = parameter(5e-6, "The same for a rotary axis.", minimum=1e-9)
+    dwell_s: float = parameter(
+        0.2, "For so long nothing may have moved for the spindle to be in position.", minimum=0.0
+    )
+    gap_s: float = parameter(
+        0.1, "Samples further apart prove nothing about the time between.", minimum=0.001
+    )
+    stale_after_s: float = parameter(
+        0.3, "Silence after which the control counts as lost.", minimum=0.01
+    )
+    max_age_s: float = parameter(
+        0.5, "Samples that are older than this when they arrive are refused.", minimum=0.001
+    )
+    max_stamp_uncertainty_s: float = parameter(
+        0.01, "Samples whose stamp is less certain (standard deviation) are refused.", minimum=0.0
+    )
+    reconnect_s: float = parameter(1.0, "Pause between two attempts to connect.", minimum=0.01)
+
+    rate_hz: float = parameter(
+        100.0, "Samples per second that the control is asked for.", minimum=10.0, maximum=1000.0
+    )
+    state_rate_hz: float = parameter(
+        20.0, "/cnc/state per second; changes are published at once besides.", minimum=1.0
+    )
+    publish_truth: bool = parameter(
+        True, "Whether a simulated machine's true poses go to /simulation/true_spindle_pose."
+    )
+
+    trigger_service: str = parameter(
+        "/camera/trigger", "Service that takes an image; empty where others trigger the camera."
+    )
+    trigger_timeout_s: float = parameter(
+        5.0, "How long an answer of the camera is waited for.", minimum=0.01
+    )
+    trigger_attempts: int = parameter(3, "Images that are tried for one request.", minimum=1)
+    retry_s: float = parameter(0.5, "Pause before an image is tried again.", minimum=0.0)
+    hold_after_image_s: float = parameter(
+        0.05, "So long after the exposure's middle the spindle must still stand.", minimum=0.0
+    )
+    start_program: bool = parameter(
+        True, "Simulated control: start its program as soon as the camera's service is there."
+    )
+
+    scenario: str = parameter("bench", "Simulated control: scenario, or a scenario file.")
+    seed: int = parameter(1, "Simulated control: which cell is drawn from the scenario.")
+    clamping_seed: int = parameter(
+        -1, "Simulated control: another clamping of the same cell; -1 takes the seed."
+    )
+    bumped_id: int = parameter(-1, "Simulated control: target that was bumped; -1 for none.")
+    speed_factor: float = parameter(
+        1.0, "Simulated control: how many times as fast the machine moves.", minimum=0.01
+    )
+    repetitions: int = parameter(
+        1, "Simulated control: how often its stops are gone through.", minimum=1
+    )
