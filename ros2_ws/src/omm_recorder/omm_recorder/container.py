@@ -9,7 +9,7 @@ import struct
 import zlib
 from collections.abc import Iterator
 from io import BytesIO
-from typing import BinaryIO, NamedTuple
+from typing import IO, NamedTuple
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
@@ -60,7 +60,7 @@ class ChunkHeader(NamedTuple):
     data_size: int
 
 
-def records(file: BinaryIO, start: int, end: int) -> Iterator[Record]:
+def records(file: IO[bytes], start: int, end: int) -> Iterator[Record]:
     """Walk over the records between two offsets, without reading what is in them.
 
     Raises
@@ -84,7 +84,7 @@ def records(file: BinaryIO, start: int, end: int) -> Iterator[Record]:
         offset = record.end
 
 
-def content(file: BinaryIO, record: Record) -> bytes:
+def content(file: IO[bytes], record: Record) -> bytes:
     """The content of a record."""
     file.seek(record.start)
     data = file.read(record.length)
@@ -98,7 +98,7 @@ def stream(data: bytes | memoryview) -> ReadDataStream:
     return ReadDataStream(BytesIO(data))
 
 
-def chunk_header(file: BinaryIO, record: Record) -> ChunkHeader:
+def chunk_header(file: IO[bytes], record: Record) -> ChunkHeader:
     """Read the head of a chunk, not its data."""
     file.seek(record.start)
     head = file.read(min(record.length, CHUNK.size + 4 + 64))
@@ -116,7 +116,7 @@ def chunk_header(file: BinaryIO, record: Record) -> ChunkHeader:
     return ChunkHeader(first_ns, last_ns, size, crc, compression, start, data_size)
 
 
-def chunk_data(file: BinaryIO, head: ChunkHeader) -> memoryview:
+def chunk_data(file: IO[bytes], head: ChunkHeader) -> memoryview:
     """The records in a chunk, decompressed, with the checksum checked.
 
     Raises

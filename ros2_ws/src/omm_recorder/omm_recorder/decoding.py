@@ -42,7 +42,7 @@ def decoder(type_name: str, encoding: str, definition: str) -> Callable[[Any], A
         )
     try:
         store = get_typestore(Stores.EMPTY)
-        store.register(parse[encoding](definition, type_name))  # type: ignore[operator]
+        store.register(parse[encoding](definition, type_name))
         store.get_msgdef(type_name)
     except Exception as error:  # the parser's errors have no common base
         raise InputError(

@@ -155,6 +155,12 @@ class McapWriter:
             self._write_chunk(self._chunk)
             self._chunk = _Chunk()
 
+    def drop_pending(self) -> int:
+        """Give up the messages that wait; returns how many."""
+        number = sum(map(len, self._chunk.index.values()))
+        self._chunk = _Chunk()
+        return number
+
     def add_attachment(self, name: str, media_type: str, time_ns: int, data: bytes) -> None:
         """Put a file into the recording."""
         attachment = Attachment(

@@ -1,0 +1,46 @@
+"""Between rclpy's objects and the recorder's."""
+
+from importlib import import_module
+from typing import Any
+
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+from omm_core.errors import InputError
+from omm_recorder.rosbag2_format import TopicQos
+
+
+def message_class(type_name: str) -> Any:
+    """The class of a message type such as ``sensor_msgs/msg/Image``.
+
+    Raises
+    ------
+    InputError
+        If its package is not installed.
+    """
+    package, _, name = type_name.partition("/msg/")
+    try:
+        return getattr(import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError) as error:
+        raise InputError(
+            f"Expected the messages {type_name} to be installed: {error}. "
+            "Source the workspace that they are in."
+        ) from error
+
+
+def profile_from_qos(qos: TopicQos) -> QoSProfile:
+    """The profile to subscribe or publish with."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=qos.depth,
+        reliability=ReliabilityPolicy.RELIABLE if qos.reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=(DurabilityPolicy.TRANSIENT_LOCAL if qos.latched else DurabilityPolicy.VOLATILE),
+    )
+
+
+def qos_from_profile(profile: QoSProfile, depth: int) -> TopicQos:
+    """What matters of a publisher's profile; its depth is not told over the network."""
+    return TopicQos(
+        reliable=profile.reliability != ReliabilityPolicy.BEST_EFFORT,
+        latched=profile.durability == DurabilityPolicy.TRANSIENT_LOCAL,
+        depth=depth,
+    )

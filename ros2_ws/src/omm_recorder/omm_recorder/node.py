@@ -1,0 +1,234 @@
+"""The recorder: everything that happens, in one file. Wiring only; see `recorder` for the work."""
+
+import os
+import sys
+import time
+from datetime import datetime
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+
+from omm_core.errors import InputError, OmmError
+from omm_recorder.conversions import message_class, profile_from_qos, qos_from_profile
+from omm_recorder.definitions import definition, type_hash
+from omm_recorder.parameter_snapshot import ParameterSnapshot, as_table
+from omm_recorder.parameters import Parameters
+from omm_recorder.provenance import provenance
+from omm_recorder.recorder import Limits, Recorder
+from omm_recorder.rosbag2_format import TopicQos
+from omm_recorder.topics import KNOWN, adapted
+from omm_recorder.writing import RecordingOptions, RecordingWriter, TopicToRecord
+from omm_ros.diagnostics import ERROR, OK, WARN, Diagnostics, Health
+from omm_ros.node_main import run_node
+from omm_ros.parameters import declare
+
+LOOK_PERIOD_S = 0.5
+FILES = {"part_file": "part.yaml", "calibration_file": "camera.yaml"}
+
+
+class RecorderNode(Node):
+    """Subscribes to all there is to record and hands the bytes to a `Recorder`.
+
+    Raises
+    ------
+    InputError
+        If it cannot record there, or a file to be recorded cannot be read.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("recorder")
+        self.parameters = declare(self, Parameters)
+        self.failed = False
+        self._attached: set[str] = set()
+        self._heard: dict[str, tuple[TopicQos, Subscription]] = {}
+        self._unknown: set[str] = set()
+        files = self._files_to_attach()
+        self.recorder = self._started()
+        try:
+            self._listen_to_all(files)
+        except BaseException:
+            self.recorder.stop()
+            raise
+        self.get_logger().info(f"Recording to {self.folder}")
+
+    def _listen_to_all(self, files: dict[str, bytes]) -> None:
+        for name, data in files.items():
+            self._attach(name, data)
+        for topic in KNOWN:
+            self._listen(topic.name, topic.type_name, topic.qos)
+        self._snapshot = ParameterSnapshot(self, self._take_parameters)
+        self._looking = self.create_timer(LOOK_PERIOD_S, self._look)
+        diagnostics = Diagnostics(self)
+        diagnostics.add("recording", self._health)
+
+    def destroy_node(self) -> None:
+        """End the recording, then the node."""
+        try:
+            path = self.recorder.stop()
+            state = self.recorder.state()
+            lost = state.lost + state.missing
+            # Not through the log: it is published, and the context may be shut down already.
+            print(
+                f"recorder: {path}, {state.received} messages, {state.bytes_written / 1e6:.1f} MB, "
+                + (f"{lost} LOST" if lost else "none lost"),
+                file=sys.stderr,
+            )
+            self.failed = not state.recording and bool(state.trouble)
+        except OmmError as error:
+            print(f"recorder: {error}", file=sys.stderr)
+            self.failed = True
+        super().destroy_node()
+
+    def _started(self) -> Recorder:
+        p = self.parameters
+        self.folder = (
+            Path(p.folder) if p.folder else Path("runs") / f"{datetime.now():%Y%m%d-%H%M%S}"
+        )
+        options = RecordingOptions(
+            compression=p.compression,
+            key_file=Path(p.key_file) if p.key_file else None,
+            provenance=provenance(),
+            distro=os.environ.get("ROS_DISTRO", "jazzy"),
+        )
+        limits = Limits(
+            queue_bytes=p.queue_mb << 20,
+            warn_left_s=p.warn_left_min * 60.0,
+            stop_free_bytes=p.stop_free_mb << 20,
+        )
+        return Recorder(RecordingWriter(self.folder, options), limits, self._tell)
+
+    def _files_to_attach(self) -> dict[str, bytes]:
+        named = {n: getattr(self.parameters, p) for p, n in FILES.items()}
+        return {name: _read(Path(path)) for name, path in named.items() if path}
+
+    def _attach(self, name: str, data: bytes) -> None:
+        self._attached.add(name)
+        self.recorder.add_file(name, data)
+
+    def _listen(self, name: str, type_name: str, qos: TopicQos) -> None:
+        """Subscribe, or subscribe anew where the publishers offer something else."""
+        if name in self._heard:
+            self.destroy_subscription(self._heard[name][1])
+        else:
+            self.recorder.add_topic(
+                TopicToRecord(
+                    name=name,
+                    type_name=type_name,
+                    definition=definition(type_name),
+                    type_hash=type_hash(type_name),
+                    qos=qos,
+                )
+            )
+        subscription = self.create_subscription(
+            message_class(type_name),
+            name,
+            partial(self._take, name),
+            profile_from_qos(qos),
+            raw=True,
+        )
+        self._heard[name] = (qos, subscription)
+
+    def _take(self, topic: str, data: bytes, info: dict[str, Any]) -> None:
+        received_ns = info["received_timestamp"] or time.time_ns()
+        self.recorder.put(
+            topic,
+            data,
+            info["publication_sequence_number"] or 0,
+            received_ns,
+            info["source_timestamp"] or received_ns,
+        )
+
+    def _look(self) -> None:
+        """See what is new: topics to record, publishers to adapt to, nodes to ask."""
+        wanted = set(self.parameters.topics)
+        for name, types in self.get_topic_names_and_types():
+            if name not in self._heard and (self.parameters.all_topics or name in wanted):
+                self._listen_new(name, types)
+        for name, (qos, _) in list(self._heard.items()):
+            self._adapt(name, qos)
+        self._snapshot.look()
+
+    def _listen_new(self, name: str, types: list[str]) -> None:
+        if name in self._unknown:
+            return
+        try:
+            if len(types) != 1:
+                raise InputError(f"{name} has several types: {', '.join(types)}.")
+            self._listen(
+                name, types[0], adapted(TopicQos(depth=1000, latched=True), self._offers(name))
+            )
+        except InputError as error:
+            self._unknown.add(name)
+            self.get_logger().error(f"{name} is not recorded. {error}")
+
+    def _adapt(self, name: str, qos: TopicQos) -> None:
+        offered = self._offers(name)
+        fitting = adapted(qos, offered)
+        if offered and fitting != qos:
+            self.get_logger().info(f"{name}: adapting to its publishers' quality of service")
+            self._listen(name, self._type_of(name), fitting)
+
+    def _type_of(self, name: str) -> str:
+        return str(self.get_publishers_info_by_topic(name)[0].topic_type)
+
+    def _offers(self, name: str) -> list[TopicQos]:
+        infos = self.get_publishers_info_by_topic(name)
+        return [qos_from_profile(info.qos_profile, 1000) for info in infos]
+
+    def _take_parameters(self, node: str, values: dict[str, Any]) -> None:
+        self.recorder.add_table(f"omm_parameters {node}", as_table(values))
+        for parameter, name in FILES.items():
+            path = values.get(parameter)
+            if isinstance(path, str) and path and name not in self._attached:
+                try:
+                    self._attach(name, _read(Path(path)))
+                except InputError as error:
+                    self.get_logger().warning(str(error))
+
+    def _tell(self, serious: bool, text: str) -> None:
+        log = self.get_logger()
+        (log.error if serious else log.info)(text)
+
+    def _health(self) -> Health:
+        state = self.recorder.state()
+        lost = state.lost + state.missing
+        level = ERROR if not state.recording else WARN if lost or state.trouble else OK
+        message = state.trouble or (f"{lost} messages lost" if lost else "all is recorded")
+        values = {
+            "file": str(self.folder / "run.mcap"),
+            "written [MB]": f"{state.bytes_written / 1e6:.1f}",
+            "rate [MB/s]": f"{state.bytes_per_s / 1e6:.1f}",
+            "waiting [MB]": f"{state.queue_bytes / 1e6:.1f}",
+            "free [GB]": f"{state.free_bytes / 1e9:.1f}",
+            "left [min]": f"{state.left_s / 60.0:.0f}",
+            "received": state.received,
+            "lost here": state.lost,
+            "missing from publishers": state.missing,
+        }
+        return Health(level=level, message=message, values=values)
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"Cannot read {path}, to be recorded: {error.strerror}.") from error
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the recorder; status 1 where the recording did not end well."""
+    made: list[RecorderNode] = []
+
+    def make() -> RecorderNode:
+        made.append(RecorderNode())
+        return made[0]
+
+    status = run_node(make, args)
+    return status or int(bool(made) and made[0].failed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
