@@ -9,6 +9,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
         ("share/" + package_name, ["package.xml"]),
+        ("share/" + package_name + "/launch", ["launch/demo.launch.py"]),
     ],
     install_requires=["setuptools"],
     zip_safe=True,
@@ -19,6 +20,7 @@ setup(
     entry_points={
         "console_scripts": [
             "omm = omm_bringup.command_line:main",
+            "operator_node = omm_bringup.operator_node:main",
         ],
     },
 )

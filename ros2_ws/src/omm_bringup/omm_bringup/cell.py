@@ -1,0 +1,58 @@
+"""The nodes of a cell and their parameters: the same for `./omm demo` and the launch files."""
+
+from pathlib import Path
+
+from omm_bringup.processes import NodeSpec
+
+CONTROLS = ("simulated", "linuxcnc")
+CAMERAS = ("simulated", "gige")
+
+
+def simulated_cell(
+    run_folder: Path,
+    *,
+    scenario: str,
+    seed: int,
+    camera: str = "simulated",
+    control: str = "simulated",
+    start_program: bool = False,
+) -> tuple[NodeSpec, ...]:
+    """Recorder, estimator, camera and CNC bridge of a simulated cell.
+
+    The recorder comes first, so that it is there from the first message to the last. The run's
+    folder must hold `part.yaml` and `camera.yaml`: that is all the estimator gets.
+    """
+    part_file, calibration_file = str(run_folder / "part.yaml"), str(run_folder / "camera.yaml")
+    known = {"part_file": part_file, "calibration_file": calibration_file}
+    drawn = {"scenario": scenario, "seed": seed}
+    return (
+        NodeSpec(
+            package="omm_recorder",
+            executable="recorder_node",
+            name="recorder",
+            parameters={"folder": str(run_folder), **known},
+        ),
+        NodeSpec(
+            package="omm_estimator",
+            executable="estimator_node",
+            name="estimator",
+            parameters=known,
+        ),
+        NodeSpec(
+            package="omm_camera_driver",
+            executable="camera_node",
+            name="camera",
+            parameters={
+                "driver": camera,
+                "calibration_file": calibration_file,
+                "trigger": "software",
+                **drawn,
+            },
+        ),
+        NodeSpec(
+            package="omm_cnc_bridge",
+            executable="cnc_bridge_node",
+            name="cnc_bridge",
+            parameters={"control": control, "start_program": start_program, **drawn},
+        ),
+    )

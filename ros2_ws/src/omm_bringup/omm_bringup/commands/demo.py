@@ -1,0 +1,103 @@
+"""`./omm demo`: measure a part in a simulated cell, from nothing to the result."""
+
+import argparse
+import json
+import time
+from pathlib import Path
+
+from omm_core.errors import InputError, MeasurementError
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `demo`."""
+    parser.add_argument(
+        "--scenario", default="bench", help="bench, industrial, or a scenario folder (%(default)s)"
+    )
+    parser.add_argument("--seed", type=int, default=None, help="repeat a run (default: a new one)")
+    parser.add_argument("--json", type=Path, metavar="OUT", help="write the result as JSON")
+    parser.add_argument(
+        "--folder", type=Path, help="where to leave the run (default: runs/DATE-SCENARIO-SEED)"
+    )
+    parser.add_argument("--camera", choices=("simulated", "gige"), default="simulated")
+    parser.add_argument("--control", choices=("simulated", "linuxcnc"), default="simulated")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the cell; 0 where a result came out."""
+    from omm_ros import transport
+
+    transport.prepare()
+    from rich.console import Console
+
+    from omm_bringup.cell import simulated_cell
+    from omm_bringup.isolation import own_domain
+    from omm_bringup.processes import running
+    from omm_bringup.report import print_solution, save_run_picture
+    from omm_recorder.solving import solve_run
+    from omm_simulation.cell import draw, write_estimator_files, write_truth
+    from omm_simulation.scenario import load_scenario
+
+    console = Console(stderr=True)
+    seed = int(time.time()) % 100_000 if args.seed is None else args.seed
+    cell = draw(load_scenario(args.scenario), seed)
+    folder = _run_folder(args.folder, cell.scenario.name, seed)
+    write_estimator_files(cell, folder)
+    console.print(f"omm: scenario {cell.scenario.name}, seed {seed}, run folder {folder}")
+
+    specs = simulated_cell(
+        folder, scenario=args.scenario, seed=seed, camera=args.camera, control=args.control
+    )
+    with own_domain(), running(specs, folder / "log") as nodes:
+        live = _measure(nodes, console)
+    # Written only now: nobody who measured could have looked.
+    write_truth(cell, folder / "truth.json")
+
+    solved = solve_run(folder / "run.mcap")
+    truth = cell.theta()
+    print_solution(Console(), solved.result, truth)
+    _tell_whether_equal(console, live, solved.result)
+    picture = save_run_picture(solved, folder / "run.png")
+    console.print(f"omm: recording {folder / 'run.mcap'}, picture {picture}")
+    if args.json:
+        from omm_core.files import write_whole
+
+        content = {"result": solved.result.to_json_dict(), "truth": truth, "seed": seed}
+        write_whole(args.json, json.dumps(content, indent=1) + "\n")
+    return 0
+
+
+def _run_folder(chosen: Path | None, scenario: str, seed: int) -> Path:
+    stamp = time.strftime("%Y%m%d-%H%M%S")
+    folder = chosen or Path("runs") / f"{stamp}-{scenario}-{seed}"
+    if (folder / "run.mcap").exists():
+        raise InputError(f"Expected a folder without a recording, got {folder}: name another.")
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder.resolve()
+
+
+def _measure(nodes: "Sequence[RunningNode]", console: "Console") -> "PartEstimate":
+    """Play the operator; returns the last live estimate."""
+    import rclpy
+    from rclpy.node import Node
+
+    from omm_bringup.operator_node import measure
+    from omm_bringup.processes import check_alive
+
+    rclpy.init()
+    try:
+        return measure(Node("operator"), console, lambda: check_alive(nodes))
+    except MeasurementError as error:
+        logs = nodes[0].log_file.parent
+        raise MeasurementError(f"{error} The nodes' logs lie in {logs}.") from error
+    finally:
+        rclpy.try_shutdown()
+
+
+def _tell_whether_equal(console, live, result) -> None:  # type: ignore[no-untyped-def]
+    from omm_estimator.conversions import theta_si
+
+    equal = list(live.theta) == list(theta_si(result))
+    words = "equal to the bit" if equal else f"NOT equal: live {list(live.theta)}"
+    console.print(f"omm: solved again from the recording: {words}")
+    if not equal:
+        raise MeasurementError("The live estimate and the one solved from the recording differ.")
