@@ -71,9 +71,7 @@ def _path(url: str) -> Path:
             return Path(get_package_share_directory(parts.netloc)) / unquote(parts.path).lstrip("/")
         except PackageNotFoundError:
             raise InputError(f"camera_info_url: there is no package {parts.netloc}.") from None
-    raise InputError(
-        f"camera_info_url: expected file:///… or package://package/…, got {url!r}."
-    )
+    raise InputError(f"camera_info_url: expected file:///… or package://package/…, got {url!r}.")
 
 
 def _message(lens: PlumbBob) -> CameraInfo:

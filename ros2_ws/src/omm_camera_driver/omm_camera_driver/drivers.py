@@ -42,9 +42,7 @@ def simulated(parameters: Parameters, poses: TruePoses) -> MakeDriver:
         clamping_seed=parameters.clamping_seed,
         bumped_id=parameters.bumped_id,
     )
-    return lambda: SimulatedDriver(
-        view.render, poses, name=view.name, exposure_us=view.exposure_us
-    )
+    return lambda: SimulatedDriver(view, poses)
 
 
 DRIVERS: dict[str, Callable[[Parameters, TruePoses], MakeDriver]] = {

@@ -36,8 +36,8 @@ class CameraNode(LifecycleNode):
     def __init__(self) -> None:
         super().__init__("camera")
         self.failure: OmmError | None = None
-        self._parameters = declare(self, Parameters)
-        watch(self, self._parameters, self._on_parameters)
+        self._wanted = declare(self, Parameters)
+        watch(self, self._wanted, self._on_parameters)
         self._worker: CameraWorker | None = None
         self._ended = threading.Event()
         self.context.on_shutdown(self._ended.set)
@@ -51,14 +51,14 @@ class CameraNode(LifecycleNode):
         try:
             self._info = self._camera_info()
             self._poses = TruePoses()
-            make_driver = DRIVERS[self._parameters.driver](self._parameters, self._poses)
-            settings = camera_settings(self._parameters)
+            make_driver = DRIVERS[self._wanted.driver](self._wanted, self._poses)
+            settings = camera_settings(self._wanted)
         except OmmError as error:
             self.failure = error
             self.get_logger().error(str(error))
             return TransitionCallbackReturn.FAILURE
         self._worker = CameraWorker(
-            make_driver, settings, self, trigger_timeout_s=self._parameters.trigger_timeout_s
+            make_driver, settings, self, trigger_timeout_s=self._wanted.trigger_timeout_s
         )
         self._make_interfaces()
         return TransitionCallbackReturn.SUCCESS
@@ -98,7 +98,7 @@ class CameraNode(LifecycleNode):
 
     def on_frame(self, frame: Frame) -> None:
         """Publish an image and its camera_info."""
-        frame_id = self._parameters.frame_id
+        frame_id = self._wanted.frame_id
         image = image_message(frame.image, frame.exposure_mid_ns, frame_id)
         self._images.publish(image)
         self._infos.publish(self._info_for(frame, image))
@@ -121,7 +121,7 @@ class CameraNode(LifecycleNode):
         try:
             if self._worker is None:
                 raise DeviceError("The camera node is not active. Activate it first.")
-            stamp = self._wait(self._worker.request_image(), self._parameters.trigger_timeout_s + 1)
+            stamp = self._wait(self._worker.request_image(), self._wanted.trigger_timeout_s + 1)
         except DeviceError as error:
             response.success, response.message = False, str(error)
             return response
@@ -150,12 +150,12 @@ class CameraNode(LifecycleNode):
         self._poses.add(stamp_ns(message.header.stamp), transform_from_pose(message.pose))
 
     def _on_parameters(self, updated: Parameters) -> None:
-        before, after = camera_settings(self._parameters), camera_settings(updated)
+        before, after = camera_settings(self._wanted), camera_settings(updated)
         for name in ("exposure_us", "gain"):
             value = getattr(after, name)
             if value is not None and value != getattr(before, name) and self._worker is not None:
                 self._change(self._worker, name, value)
-        self._parameters = updated
+        self._wanted = updated
 
     def _change(self, worker: CameraWorker, name: str, value: float) -> None:
         try:
@@ -180,11 +180,9 @@ class CameraNode(LifecycleNode):
         subscriptions = [
             self.create_subscription(Empty, "~/take_image", self._on_take_image, qos.STATE)
         ]
-        if self._parameters.driver == "simulated":
+        if self._wanted.driver == "simulated":
             subscriptions.append(
-                self.create_subscription(
-                    PoseStamped, TRUE_POSE_TOPIC, self._on_true_pose, qos.POSE
-                )
+                self.create_subscription(PoseStamped, TRUE_POSE_TOPIC, self._on_true_pose, qos.POSE)
             )
         self._undo: list[Callable[[], Any]] = [
             partial(self.destroy_publisher, self._images),
@@ -194,7 +192,7 @@ class CameraNode(LifecycleNode):
         ]
 
     def _camera_info(self) -> camera_info.InfoSource:
-        file, url = self._parameters.calibration_file, self._parameters.camera_info_url
+        file, url = self._wanted.calibration_file, self._wanted.camera_info_url
         if file and url:
             raise InputError("Expected calibration_file or camera_info_url, got both.")
         if not file and not url:
@@ -214,8 +212,8 @@ class CameraNode(LifecycleNode):
             info.width, info.height = width, height
         elif (width, height) != (info.width, info.height):
             info.roi.width, info.roi.height = width, height
-            info.roi.x_offset = self._parameters.roi_x_px
-            info.roi.y_offset = self._parameters.roi_y_px
+            info.roi.x_offset = self._wanted.roi_x_px
+            info.roi.y_offset = self._wanted.roi_y_px
         return info
 
     def _stop_worker(self) -> None:

@@ -6,19 +6,13 @@ rendering keeps up; those that it cannot keep up with are missing from the seque
 """
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from omm_camera_driver.cell_view import CellView
 from omm_camera_driver.driver import Camera, CameraSettings, Frame, Trigger, check_range
 from omm_camera_driver.true_poses import TruePoses
 from omm_core.errors import InputError
-from omm_core.geometry import RigidTransform
-
-Render = Callable[[RigidTransform, int], NDArray[np.generic]]
-"""Image (height, width) from machine_T_spindle and the frame's number."""
 
 _EXPOSURE_RANGE_US = (10.0, 1_000_000.0)
 _RATE_RANGE_HZ = (0.1, 1000.0)
@@ -31,19 +25,15 @@ class SimulatedDriver:
 
     Parameters
     ----------
-    render : what it sees
+    view : what it sees
     poses : where the spindle truly is
-    name : of the cell, told as the serial number
-    exposure_us : unless the settings say otherwise
     """
 
-    def __init__(
-        self, render: Render, poses: TruePoses, *, name: str, exposure_us: float = 8000.0
-    ) -> None:
-        self._render = render
+    def __init__(self, view: CellView, poses: TruePoses) -> None:
+        self._view = view
         self._poses = poses
-        self._name = name
-        self._exposure_us = exposure_us
+        self._exposure_us = view.exposure_ns / 1e3
+        self._bits = 8
         self._rate_hz = _DEFAULT_RATE_HZ
         self._continuous = True
         self._next_ns: int | None = None
@@ -62,12 +52,15 @@ class SimulatedDriver:
         if settings.frame_rate_hz is not None:
             check_range("frame_rate_hz", settings.frame_rate_hz, *_RATE_RANGE_HZ, unit="Hz")
             self._rate_hz = settings.frame_rate_hz
+        if settings.pixel_format is not None:
+            self._bits = _bits_of(settings.pixel_format)
         self._continuous = settings.trigger is Trigger.CONTINUOUS
+        self._view.warm_up()
         granted = {"exposure_us": self._exposure_us, "frame_rate_hz": self._rate_hz}
         return Camera(
             vendor="omm",
             model="simulated camera",
-            serial=self._name,
+            serial=self._view.name,
             address="simulation",
             has_software_trigger=True,
             granted=granted,
@@ -98,9 +91,11 @@ class SimulatedDriver:
         self._sequence += 1
         self._schedule(begin_ns)
         mid_ns = begin_ns + exposure_ns // 2
-        machine_T_spindle = self._poses.at(mid_ns, _POSE_TIMEOUT_S)
+        pose_at = self._poses.during(begin_ns, begin_ns + exposure_ns, _POSE_TIMEOUT_S)
         started_s = time.monotonic()
-        image = self._render(machine_T_spindle, self._sequence)
+        image = self._view.render(
+            pose_at, mid_ns, exposure_ns, frame=self._sequence, bits=self._bits
+        )
         self._render_ms = (time.monotonic() - started_s) * 1e3
         return Frame(
             image=image,
@@ -146,3 +141,10 @@ class SimulatedDriver:
 
 def _seconds_until(time_ns: int) -> float:
     return max(0.0, (time_ns - time.time_ns()) / 1e9)
+
+
+def _bits_of(pixel_format: str) -> int:
+    bits = {"Mono8": 8, "Mono16": 16}.get(pixel_format)
+    if bits is None:
+        raise InputError(f"Expected pixel_format Mono8 or Mono16, got {pixel_format}.")
+    return bits

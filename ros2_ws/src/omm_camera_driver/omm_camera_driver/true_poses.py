@@ -1,13 +1,19 @@
 """Where the simulated spindle truly was: what the simulated cameras take their images from."""
 
 import threading
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from collections import deque
+from collections.abc import Callable
+from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
 from omm_camera_driver.driver import FrameLost
 from omm_core.geometry import RigidTransform
+
+PoseAt = Callable[[int], RigidTransform]
+"""machine_T_spindle at a time in ns."""
 
 _LONGEST_GAP_NS = 100_000_000
 _KEPT = 2000
@@ -28,17 +34,17 @@ class TruePoses:
             self._poses.append((stamp_ns, machine_T_spindle))
             self._news.notify_all()
 
-    def at(self, stamp_ns: int, timeout_s: float) -> RigidTransform:
-        """The pose at a time, waited for where it has not come in yet.
+    def during(self, begin_ns: int, end_ns: int, timeout_s: float) -> PoseAt:
+        """Poses at any time of an exposure, waited for where they have not come in yet.
 
         Raises
         ------
         FrameLost
-            There is none: no poses come, or there is a gap around that time.
+            There are none: no poses come, or there is a gap in that time.
         """
         with self._news:
             self._news.wait_for(
-                lambda: self._poses and self._poses[-1][0] >= stamp_ns, timeout=timeout_s
+                lambda: self._poses and self._poses[-1][0] >= end_ns, timeout=timeout_s
             )
             poses = list(self._poses)
         if not poses:
@@ -46,22 +52,34 @@ class TruePoses:
                 "Expected true poses of the spindle on /simulation/true_spindle_pose, got none. "
                 "Is the bridge to a simulated control running?"
             )
-        after = bisect_left(poses, stamp_ns, key=lambda pose: pose[0])
-        if after == 0 and poses[0][0] == stamp_ns:
-            return poses[0][1]
-        if after in (0, len(poses)):
-            late_ms = (stamp_ns - poses[-1][0]) / 1e6
+        first = bisect_right(poses, begin_ns, key=_stamp) - 1
+        last = bisect_left(poses, end_ns, key=_stamp)
+        if first < 0 or last == len(poses):
             raise FrameLost(
-                "Expected true poses of the spindle before and after the exposure, got the last "
-                f"{late_ms:.0f} ms before it. Is the simulated control still running?"
+                "Expected true poses of the spindle before and after the exposure, got them from "
+                f"{(poses[0][0] - begin_ns) / 1e6:+.0f} to {(poses[-1][0] - begin_ns) / 1e6:+.0f} "
+                "ms around its begin. Is the simulated control still running?"
             )
-        (stamp_a, a), (stamp_b, b) = poses[after - 1], poses[after]
-        if stamp_b - stamp_a > _LONGEST_GAP_NS:
+        needed = poses[first : last + 1]
+        gap_ns = max((b[0] - a[0] for a, b in pairwise(needed)), default=0)
+        if gap_ns > _LONGEST_GAP_NS:
             raise FrameLost(
-                "Expected true poses of the spindle around the exposure at least every "
-                f"{_LONGEST_GAP_NS // 1_000_000} ms, got a gap of {(stamp_b - stamp_a) / 1e6:.0f}."
+                "Expected true poses of the spindle during the exposure at least every "
+                f"{_LONGEST_GAP_NS // 1_000_000} ms, got a gap of {gap_ns / 1e6:.0f} ms."
             )
-        return interpolate(a, b, (stamp_ns - stamp_a) / (stamp_b - stamp_a))
+        return partial(_pose_at, needed)
+
+
+def _pose_at(poses: list[tuple[int, RigidTransform]], stamp_ns: int) -> RigidTransform:
+    after = min(max(1, bisect_left(poses, stamp_ns, key=_stamp)), len(poses) - 1)
+    if len(poses) == 1:
+        return poses[0][1]
+    (stamp_a, a), (stamp_b, b) = poses[after - 1], poses[after]
+    return interpolate(a, b, (stamp_ns - stamp_a) / (stamp_b - stamp_a))
+
+
+def _stamp(pose: tuple[int, RigidTransform]) -> int:
+    return pose[0]
 
 
 def interpolate(a: RigidTransform, b: RigidTransform, share: float) -> RigidTransform:
