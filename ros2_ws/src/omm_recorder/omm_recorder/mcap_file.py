@@ -198,6 +198,12 @@ class McapFile:
                 attachment.name, attachment.media_type, attachment.log_time, attachment.data
             )
 
+    def attachment_names(self) -> list[str]:
+        """The names of the files inside, without reading them where there is an index."""
+        if self.summary is not None:
+            return [entry.name for entry in self.summary.attachment_indexes]
+        return [attached.name for attached in self.attachments()]
+
     def metadata(self) -> dict[str, dict[str, str]]:
         """The metadata records, by their names; the last of a name counts."""
         return {record.name: record.metadata for record in self._reader.iter_metadata()}

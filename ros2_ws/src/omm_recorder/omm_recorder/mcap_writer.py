@@ -106,12 +106,19 @@ class McapWriter:
         return self._chunk.size > 0
 
     def add_channel(
-        self, topic: str, type_name: str, definition: str, metadata: dict[str, str]
+        self,
+        topic: str,
+        type_name: str,
+        definition: str,
+        metadata: dict[str, str],
+        definition_encoding: str = "ros2msg",
     ) -> int:
         """Add a topic; returns its channel's number."""
         if type_name not in self._schema_ids:
             number = len(self._schema_ids) + 1
-            schema = Schema(id=number, name=type_name, encoding="ros2msg", data=definition.encode())
+            schema = Schema(
+                id=number, name=type_name, encoding=definition_encoding, data=definition.encode()
+            )
             # Outside of chunks: a file that is cut short anywhere tells what its messages mean.
             self._append([serialised(schema)])
             self._contents.schemas[number] = schema

@@ -20,7 +20,7 @@ from omm_recorder.provenance import provenance
 from omm_recorder.recorder import Limits, Recorder
 from omm_recorder.rosbag2_format import TopicQos
 from omm_recorder.topics import KNOWN, adapted
-from omm_recorder.writing import RecordingOptions, RecordingWriter, TopicToRecord
+from omm_recorder.writing import RUN_NAME, RecordingOptions, RecordingWriter, TopicToRecord
 from omm_ros.diagnostics import ERROR, OK, WARN, Diagnostics, Health
 from omm_ros.node_main import run_node
 from omm_ros.parameters import declare
@@ -98,7 +98,7 @@ class RecorderNode(Node):
             warn_left_s=p.warn_left_min * 60.0,
             stop_free_bytes=p.stop_free_mb << 20,
         )
-        return Recorder(RecordingWriter(self.folder, options), limits, self._tell)
+        return Recorder(RecordingWriter(self.folder / RUN_NAME, options), limits, self._tell)
 
     def _files_to_attach(self) -> dict[str, bytes]:
         named = {n: getattr(self.parameters, p) for p, n in FILES.items()}
@@ -198,7 +198,7 @@ class RecorderNode(Node):
         level = ERROR if not state.recording else WARN if lost or state.trouble else OK
         message = state.trouble or (f"{lost} messages lost" if lost else "all is recorded")
         values = {
-            "file": str(self.folder / "run.mcap"),
+            "file": str(self.folder / RUN_NAME),
             "written [MB]": f"{state.bytes_written / 1e6:.1f}",
             "rate [MB/s]": f"{state.bytes_per_s / 1e6:.1f}",
             "waiting [MB]": f"{state.queue_bytes / 1e6:.1f}",

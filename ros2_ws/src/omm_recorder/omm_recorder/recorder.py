@@ -107,7 +107,8 @@ class Recorder:
     ) -> bool:
         """Take a message; False where it had to be refused."""
         tally = self._tallies[topic]
-        gap = tally.see(sequence) if sequence > 0 else tally.see(tally.received + 1)
+        # A middleware that does not number messages gives 0: then none can be missed.
+        gap = tally.see(sequence or tally.received + 1, log_ns)
         if gap:
             self._tell_loss(f"{gap} messages on {topic} never arrived here")
         write = partial(_write, topic=topic, data=data, ids=(sequence, log_ns, publish_ns))

@@ -30,6 +30,7 @@ from omm_recorder.seal import CHAIN, SEAL, chain_text, load_key, sealed
 
 SYNC_PERIOD_S = 0.5
 RESERVE_BYTES = 16 << 20
+RUN_NAME = "run.mcap"
 PROVENANCE = "omm_provenance"
 REPORT = "omm_report"
 FILE_SUMS = "omm_sha256"
@@ -57,10 +58,20 @@ class TopicToRecord:
     definition: str
     type_hash: str
     qos: TopicQos
+    definition_encoding: str = "ros2msg"
 
 
 class RecordingWriter:
-    """Writes ``run.mcap`` into a folder. To be used by one thread.
+    """Writes one recording. To be used by one thread.
+
+    Parameters
+    ----------
+    path
+        What it is called when it is whole: ``run.mcap`` in the run's folder.
+    options
+        How to record.
+    unfinished
+        What it is called until then; ``run.mcap.unfinished`` where not given.
 
     Raises
     ------
@@ -69,9 +80,11 @@ class RecordingWriter:
         written.
     """
 
-    def __init__(self, folder: Path, options: RecordingOptions) -> None:
-        self.path = folder / "run.mcap"
-        self.unfinished = folder / f"run.mcap{UNFINISHED}"
+    def __init__(
+        self, path: Path, options: RecordingOptions, unfinished: Path | None = None
+    ) -> None:
+        self.path = path
+        self.unfinished = unfinished or path.with_name(path.name + UNFINISHED)
         self._options = options
         self._topics: dict[str, tuple[int, TopicToRecord]] = {}
         self._reserve: IO[bytes] | None = None
@@ -79,7 +92,7 @@ class RecordingWriter:
             load_key(options.key_file)  # a key that cannot sign is told now, not at the end
         self._file = _created(self.path, self.unfinished)
         try:
-            self._reserve = _reserved(folder)
+            self._reserve = _reserved(path.parent)
             self._writer = self._begun()
         except BaseException:
             self._file.close()
@@ -108,12 +121,15 @@ class RecordingWriter:
     def add_topic(self, topic: TopicToRecord) -> None:
         """Announce a topic, once, before its first message."""
         metadata = channel_metadata(topic.qos, topic.type_hash)
-        channel = self._writer.add_channel(topic.name, topic.type_name, topic.definition, metadata)
+        channel = self._writer.add_channel(
+            topic.name, topic.type_name, topic.definition, metadata, topic.definition_encoding
+        )
         self._topics[topic.name] = (channel, topic)
 
     def add_file(self, name: str, data: bytes, time_ns: int) -> None:
-        """Put a file into the recording."""
-        self._writer.add_attachment(name, "application/yaml", time_ns, data)
+        """Put a file into the recording, with its SHA-256."""
+        kind = "application/yaml" if name.endswith((".yaml", ".yml")) else "text/plain"
+        self._writer.add_attachment(name, kind, time_ns, data)
         sums = {name: hashlib.sha256(data).hexdigest()}
         self._writer.add_metadata(f"{FILE_SUMS} {name}", sums)
 
@@ -143,13 +159,26 @@ class RecordingWriter:
         """Write what was gathered; to be called a few times a second."""
         self._writer.flush()
 
+    def abandon(self) -> None:
+        """Give up: nothing is left behind."""
+        self._stop()
+        self._file.close()
+        self.unfinished.unlink(missing_ok=True)
+
+    def _stop(self) -> None:
+        self._stop_syncing.set()
+        self._syncing.join()
+        if self._reserve is not None:
+            self._reserve.close()
+            self._reserve = None
+
     def close(self, report: dict[str, str]) -> Path:
         """End the recording and give it its name.
 
         Parameters
         ----------
         report
-            What became of the messages, for the metadata record.
+            What became of the messages, kept as metadata.
 
         Raises
         ------
@@ -157,11 +186,7 @@ class RecordingWriter:
             If there is no space or no disk to end it; what was written stays under its
             unfinished name.
         """
-        self._stop_syncing.set()
-        self._syncing.join()
-        if self._reserve is not None:
-            self._reserve.close()
-            self._reserve = None
+        self._stop()
         try:
             metadata = self._end(report)
             os.fdatasync(self._file.fileno())
@@ -169,7 +194,8 @@ class RecordingWriter:
                 self._rescue()
             else:
                 _rename(self.unfinished, self.path)
-            _write_whole(self.path.with_name("metadata.yaml"), metadata)
+            if self.path.name == RUN_NAME:  # rosbag2 wants one recording in a folder
+                _write_whole(self.path.with_name("metadata.yaml"), metadata)
         except OSError as error:
             raise OmmError(
                 f"The recording could not be ended: {error.strerror}. What was written so far "
@@ -197,7 +223,8 @@ class RecordingWriter:
         duration = contents.last_ns - start
         bag = bag_metadata(self.path.name, topics, start, duration, self._options.distro)
         self._writer.add_metadata("rosbag2", {"serialized_metadata": dumped(bag)})
-        self._writer.add_metadata(REPORT, report)
+        if report:
+            self._writer.add_metadata(REPORT, report)
         links = list(self._writer.links)
         self._writer.add_attachment(CHAIN, "text/csv", time.time_ns(), chain_text(links))
         self._writer.add_metadata(SEAL, sealed(links, self._options.key_file))
