@@ -19,6 +19,7 @@ setup(
     entry_points={
         "console_scripts": [
             "camera_node = omm_camera_driver.node:main",
+            "gige_simulator_node = omm_camera_driver.gige_simulator_node:main",
         ],
     },
 )

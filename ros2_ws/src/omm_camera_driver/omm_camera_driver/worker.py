@@ -170,8 +170,8 @@ class CameraWorker:
             except OmmError as error:
                 self._failed(str(error))
             except Exception as error:  # a driver's defect must not end the camera for good
-                self._failed(f"{type(error).__name__} in the driver: {error}")
-                traceback.print_exc()
+                if self._failed(f"{type(error).__name__} in the driver: {error}"):
+                    traceback.print_exc()
             finally:
                 self._dispose(driver)
             self._stopping.wait(_RETRY_S)
@@ -190,7 +190,8 @@ class CameraWorker:
         )
         self._listener.on_connected(camera)
 
-    def _failed(self, problem: str) -> None:
+    def _failed(self, problem: str) -> bool:
+        """Take note of a problem; tells whether it is a new one."""
         was_connected = self._status.camera is not None
         state = State.LOST if was_connected else State.ABSENT
         news = problem != self._status.problem
@@ -198,6 +199,7 @@ class CameraWorker:
         self._refuse_all(_why_not(self._status))
         if news:
             self._listener.on_problem(problem)
+        return news
 
     def _dispose(self, driver: CameraDriver) -> None:
         """Close on a thread of its own, so that stopping need not wait for a device's time-outs."""

@@ -1,0 +1,82 @@
+"""When something happened by the camera's own clock, in system time.
+
+A GigE Vision camera stamps images by a clock of its own. The protocol lets it be read (timestamp
+latch): the reading was taken between the sending of the command and its acknowledgement, which
+bounds the difference of the two clocks. The tightest of a few readings is kept, and its bound grows
+with its age, because the clocks drift.
+
+Where a camera cannot latch, the difference is taken from the arrivals: no image arrives before it
+was taken, so the smallest `arrival − stamp` of the last images is nearest to the truth.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+
+DRIFT_PPM = 100
+_ARRIVALS_KEPT = 200
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """One reading of the camera's clock.
+
+    Attributes
+    ----------
+    camera_ns : int
+        What the camera's clock said.
+    after_ns, before_ns : int
+        System time between which that was.
+    """
+
+    camera_ns: int
+    after_ns: int
+    before_ns: int
+
+    @property
+    def difference_ns(self) -> int:
+        """System time minus camera time, at best knowledge."""
+        return (self.after_ns + self.before_ns) // 2 - self.camera_ns
+
+    @property
+    def half_width_ns(self) -> int:
+        """How far off the difference may be."""
+        return (self.before_ns - self.after_ns + 1) // 2
+
+    def bound_ns(self, now_ns: int) -> int:
+        """How far off the difference may be some time later."""
+        return self.half_width_ns + abs(now_ns - self.before_ns) * DRIFT_PPM // 1_000_000
+
+
+class CameraClock:
+    """Turns stamps of the camera into system time."""
+
+    def __init__(self) -> None:
+        self._reading: Reading | None = None
+        self._arrivals: deque[int] = deque(maxlen=_ARRIVALS_KEPT)
+
+    def add_reading(self, reading: Reading) -> None:
+        """Take in a reading; it is kept if it is tighter than the last one has become."""
+        now_ns = reading.before_ns
+        if self._reading is None or reading.half_width_ns <= self._reading.bound_ns(now_ns):
+            self._reading = reading
+
+    def add_arrival(self, camera_ns: int, arrival_ns: int) -> None:
+        """Take in when the first data of an image arrived."""
+        self._arrivals.append(arrival_ns - camera_ns)
+
+    def system_time(self, camera_ns: int, latest_ns: int) -> tuple[int, int]:
+        """System time of a stamp, and how far off it may be (both ns).
+
+        Parameters
+        ----------
+        camera_ns : the stamp
+        latest_ns : system time at which the stamp was known, a bound from above
+        """
+        if self._reading is not None:
+            difference_ns = self._reading.difference_ns
+            system_ns = camera_ns + difference_ns
+            return system_ns, self._reading.bound_ns(system_ns)
+        if not self._arrivals:
+            return latest_ns, latest_ns
+        smallest_ns, largest_ns = min(self._arrivals), max(self._arrivals)
+        return camera_ns + smallest_ns, max(largest_ns - smallest_ns, 1_000_000)

@@ -1,0 +1,89 @@
+"""Raw pixel data of cameras as monochrome images.
+
+Values of more than 8 bits are shifted up to fill 16 bits, as mono16 is understood everywhere.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omm_core.errors import DeviceError
+
+# GenICam PFNC: pixel format numbers.
+MONO8 = 0x01080001
+MONO10, MONO12, MONO14, MONO16 = 0x01100003, 0x01100005, 0x01100025, 0x01100007
+MONO10_PACKED, MONO12_PACKED = 0x010C0004, 0x010C0006  # GigE Vision: 2 pixels in 3 bytes
+MONO10P, MONO12P = 0x010A0046, 0x010C0047  # PFNC: a stream of bits, lowest first
+
+_UNPACKED_SHIFT = {MONO10: 6, MONO12: 4, MONO14: 2, MONO16: 0}
+
+
+def bytes_of(pixel_format: int, width: int, height: int) -> int:
+    """Size of an image of a format (PFNC tells the bits of a pixel in its number)."""
+    return width * height * (pixel_format >> 16 & 0xFF) // 8
+
+
+def mono_from_genicam(
+    data: NDArray[np.uint8], pixel_format: int, width: int, height: int
+) -> NDArray[np.generic]:
+    """Image (height, width) uint8 or uint16; a view of the data for Mono8 and Mono16.
+
+    Raises
+    ------
+    DeviceError
+        The format is not monochrome, or the data are too short.
+    """
+    size = bytes_of(pixel_format, width, height)
+    if len(data) < size:
+        raise DeviceError(f"Expected {size} bytes for {width} × {height} pixels, got {len(data)}.")
+    data = data[:size]
+    if pixel_format == MONO8:
+        return data.reshape(height, width)
+    if pixel_format in _UNPACKED_SHIFT:
+        pixels = data.view("<u2").reshape(height, width)
+        shift = _UNPACKED_SHIFT[pixel_format]
+        return pixels << shift if shift else pixels
+    if pixel_format in (MONO10_PACKED, MONO12_PACKED):
+        return _unpack_gige(data, pixel_format == MONO12_PACKED).reshape(height, width)
+    if pixel_format == MONO12P:
+        return _unpack_12p(data).reshape(height, width)
+    if pixel_format == MONO10P:
+        return _unpack_10p(data).reshape(height, width)
+    raise DeviceError(
+        f"Expected a monochrome pixel format (Mono8, 10, 12 or 16, packed or not), got "
+        f"0x{pixel_format:08x}. Set the parameter pixel_format."
+    )
+
+
+def _unpack_gige(data: NDArray[np.uint8], twelve: bool) -> NDArray[np.uint16]:
+    """Bytes: high bits of pixel 0, low bits of both (0 in the lower half), high bits of pixel 1."""
+    triples = data.reshape(-1, 3).astype(np.uint16)
+    low = 4 if twelve else 2
+    mask = (1 << low) - 1
+    out = np.empty((len(triples), 2), np.uint16)
+    out[:, 0] = triples[:, 0] << low | triples[:, 1] & mask
+    out[:, 1] = triples[:, 2] << low | triples[:, 1] >> 4 & mask
+    return (out << (8 - low)).reshape(-1)
+
+
+def _unpack_12p(data: NDArray[np.uint8]) -> NDArray[np.uint16]:
+    triples = data.reshape(-1, 3).astype(np.uint16)
+    out = np.empty((len(triples), 2), np.uint16)
+    out[:, 0] = triples[:, 0] | (triples[:, 1] & 0x0F) << 8
+    out[:, 1] = triples[:, 1] >> 4 | triples[:, 2] << 4
+    return (out << 4).reshape(-1)
+
+
+def _unpack_10p(data: NDArray[np.uint8]) -> NDArray[np.uint16]:
+    fives = data.reshape(-1, 5).astype(np.uint16)
+    out = np.empty((len(fives), 4), np.uint16)
+    for i in range(4):
+        out[:, i] = (fives[:, i] >> 2 * i | fives[:, i + 1] << 8 - 2 * i) & 0x3FF
+    return (out << 6).reshape(-1)
+
+
+def mono_from_yuyv(
+    data: NDArray[np.uint8], width: int, height: int, row_bytes: int
+) -> NDArray[np.uint8]:
+    """The brightness of a YUYV image, (height, width); a copy."""
+    rows = data[: row_bytes * height].reshape(height, row_bytes)
+    return np.ascontiguousarray(rows[:, : 2 * width : 2])
