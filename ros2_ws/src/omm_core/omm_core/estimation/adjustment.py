@@ -1,0 +1,137 @@
+"""Least squares of one problem: from a start, and from nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omm_core.estimation.kernels import gauss_newton, predict_all
+from omm_core.estimation.problem import Problem, SolveOptions
+from omm_core.estimation.start import GAMMA_STEPS, Start, find_starts
+from omm_core.geometry import euler_xyz_rad_from_rotation
+
+Array = NDArray[np.float64]
+
+MAX_ITERATIONS = 60
+TOLERANCE_SIGMA = 1e-6
+_SCREENED = 12  # starts that are refined by the pixels
+_SAME_POSE_RAD = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Adjustment:
+    """A pose that fits the observations best, in the unknowns of kernels.py.
+
+    Attributes
+    ----------
+    rotation, d0_mm, gamma_s_rad
+        ``X_M = rotation (X - X_0) + d0_mm``.
+    cost : float
+        Weighted sum of squared residuals.
+    normal : (7, 7) array
+        JᵀWJ in the order (ω, d_0, γ_s).
+    converged : bool
+    iterations : int
+    """
+
+    rotation: Array
+    d0_mm: Array
+    gamma_s_rad: float
+    cost: float
+    normal: Array
+    converged: bool
+    iterations: int
+
+    def theta(self, X0_mm: Array) -> Array:
+        """Return (α, β, γ, x, y, z, γ_s), rad and mm; γ_s in (-π, π]."""
+        d_p = self.d0_mm - self.rotation @ X0_mm
+        gamma_s = float(np.pi - np.mod(np.pi - self.gamma_s_rad, 2 * np.pi))
+        return np.array([*euler_xyz_rad_from_rotation(self.rotation), *d_p, gamma_s])
+
+    def d_theta_d_local(self, X0_mm: Array) -> Array:
+        """Return d(θ)/d(ω, d_0, γ_s), (7, 7).
+
+        ``ω = E (dα, dβ, dγ)`` with the axes of the three turns as columns of E; at β = ±90° two of
+        them are one, and α and γ have no covariance of their own (they come out huge).
+        """
+        _, beta, gamma = euler_xyz_rad_from_rotation(self.rotation)
+        cos_beta = np.copysign(max(abs(np.cos(beta)), 1e-9), np.cos(beta))
+        c, s = np.cos(gamma), np.sin(gamma)
+        x, y, z = self.rotation @ X0_mm
+        result = np.eye(7)
+        result[:3, :3] = [
+            [c / cos_beta, s / cos_beta, 0.0],
+            [-s, c, 0.0],
+            [c * np.sin(beta) / cos_beta, s * np.sin(beta) / cos_beta, 1.0],
+        ]
+        # d_p = d_0 - R_p X_0, so that δd_p = δd_0 - ω x (R_p X_0) = δd_0 + [R_p X_0]x ω.
+        result[3:6, :3] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
+        return result
+
+
+def refine(problem: Problem, options: SolveOptions, start: Start) -> Adjustment:
+    """Return the optimum next to a start: first with points for targets, then with circles."""
+    R = np.ascontiguousarray(start.rotation).copy()
+    d0 = np.ascontiguousarray(start.d0_mm).copy()
+    gamma, normal = np.array([start.gamma_s_rad]), np.zeros((7, 7))
+    shared = (problem.measured, problem.information, options.unknowns)
+    state = (R, d0, gamma, normal)
+    # The point model is eight times cheaper and, from afar, finds the same valley.
+    gauss_newton(*problem.model_arguments(circles=False), *shared, MAX_ITERATIONS, 1.0, *state)
+    cost, iterations = gauss_newton(
+        *problem.model_arguments(), *shared, MAX_ITERATIONS, TOLERANCE_SIGMA, *state
+    )
+    return Adjustment(
+        rotation=R, d0_mm=d0, gamma_s_rad=float(gamma[0]), cost=float(cost), normal=normal,
+        converged=iterations > 0, iterations=abs(int(iterations)),
+    )  # fmt: skip
+
+
+def adjust(problem: Problem, options: SolveOptions) -> list[Adjustment]:
+    """Return all minima that were found from nothing, the best first.
+
+    More than one means that the observations allow several poses; the next best one's cost tells
+    how much less likely it is. Empty where no pose was found that the camera could have seen.
+    """
+    one = [options.gamma_s_rad]
+    circle = np.linspace(0.0, 2 * np.pi, GAMMA_STEPS, endpoint=False)
+    starts = find_starts(
+        rays=problem.calibration.lens.rays(problem.measured),
+        taper_R_camera=problem.R_calib,
+        taper_d_camera_mm=problem.d_calib,
+        machine_R_spindle=problem.R_cnc,
+        machine_d_spindle_mm=problem.d_cnc,
+        image_of=problem.image_of,
+        X_mm=problem.points[problem.target_of, 0],
+        gammas_rad=np.array(one) if options.model == "6d" else circle,
+    )
+    minima: list[Adjustment] = []
+    tried = 0
+    for start in starts:
+        found = refine(problem, options, start)
+        if not np.isfinite(found.cost):
+            continue
+        tried += 1
+        if not any(_same(found, other) for other in minima):
+            minima.append(found)
+        if tried >= _SCREENED:
+            break
+    return sorted(minima, key=lambda found: found.cost)
+
+
+def predictions(problem: Problem, adjustment: Adjustment) -> tuple[Array, Array]:
+    """Return predicted pixels (N, 2) and their derivatives by (ω, d_0, γ_s), (N, 2, 7)."""
+    pixels, jacobians = np.empty((len(problem), 2)), np.empty((len(problem), 2, 7))
+    predict_all(
+        *problem.model_arguments(), adjustment.rotation, adjustment.d0_mm,
+        adjustment.gamma_s_rad, pixels, jacobians,
+    )  # fmt: skip
+    return pixels, jacobians
+
+
+def _same(one: Adjustment, other: Adjustment) -> bool:
+    turned = np.abs(one.rotation - other.rotation).max() > _SAME_POSE_RAD
+    holder = abs(np.sin((one.gamma_s_rad - other.gamma_s_rad) / 2)) > _SAME_POSE_RAD
+    return not (turned or holder)

@@ -1,0 +1,96 @@
+"""One fit: optimum, covariance, statistics, and whether it is determined at all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from omm_core.estimation.adjustment import Adjustment, adjust, refine
+from omm_core.estimation.observability import ambiguous, not_determined, too_few
+from omm_core.estimation.problem import Problem, SolveOptions
+from omm_core.estimation.start import Start
+from omm_core.estimation.statistics import Statistics, analyse
+from omm_core.estimation.uncertainty import Propagation, propagate
+
+_AS_LIKELY = 13.8  # difference of cost: below it, a second pose has odds above 1 : 1000
+_SAME_POSE_MM = 0.01
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fit:
+    """A problem and its solution; ``missing`` says why there is none."""
+
+    problem: Problem
+    missing: tuple[str, ...] = ()
+    poor: tuple[str, ...] = ()
+    best: Adjustment | None = None
+    propagation: Propagation | None = None
+    statistics: Statistics | None = None
+
+    @property
+    def determined(self) -> bool:
+        """Whether there is a solution to believe."""
+        return not self.missing
+
+    @property
+    def cost(self) -> float:
+        """Weighted sum of squares; infinite without a solution."""
+        return self.propagation.cost if self.propagation is not None else np.inf
+
+    @property
+    def passed(self) -> bool:
+        """Whether the residuals are as small as the weights promise, all together and each."""
+        if self.statistics is None or not self.determined:
+            return False
+        largest = np.nanmax(np.nan_to_num(self.statistics.w_test), initial=0.0)
+        return self.statistics.passed and bool(largest <= self.statistics.w_limit)
+
+
+def fit(problem: Problem, options: SolveOptions, near: Adjustment | None = None) -> Fit:
+    """Return the fit of a problem, from nothing or next to a known solution."""
+    missing = too_few(problem, options)
+    if missing:
+        return Fit(problem=problem, missing=tuple(missing))
+    minima = [_next_to(problem, options, near)] if near is not None else adjust(problem, options)
+    if not minima or not np.isfinite(minima[0].cost):
+        words = (
+            "all: no pose of the part was found from which the camera could have seen what it saw:"
+            " check the part file, the calibration and the spindle poses."
+        )
+        return Fit(problem=problem, missing=(words,))
+    best = minima[0]
+    try:
+        propagation = propagate(problem, best, options)
+    except np.linalg.LinAlgError:
+        words_missing, _ = not_determined(problem, best, None, options)
+        return Fit(problem=problem, missing=tuple(words_missing), best=best)
+    best = propagation.adjustment
+    words_missing, poor = not_determined(problem, best, propagation.covariance, options)
+    for other in minima[1:]:
+        if other.cost - minima[0].cost < _AS_LIKELY and _apart(other, minima[0]):
+            words_missing.append(ambiguous(other, minima[0]))
+            break
+    if not best.converged:
+        words_missing.append("all: the least squares did not converge; take more images.")
+    return Fit(
+        problem=problem,
+        missing=tuple(words_missing),
+        poor=tuple(poor),
+        best=best,
+        propagation=propagation,
+        statistics=analyse(propagation, best.d_theta_d_local(problem.X0_mm), options),
+    )
+
+
+def _next_to(problem: Problem, options: SolveOptions, near: Adjustment) -> Adjustment:
+    start = Start(
+        rotation=near.rotation, d0_mm=near.d0_mm, gamma_s_rad=near.gamma_s_rad, cost_mm2=0.0
+    )
+    return refine(problem, options, start)
+
+
+def _apart(other: Adjustment, best: Adjustment) -> bool:
+    moved = np.abs(other.d0_mm - best.d0_mm).max() > _SAME_POSE_MM
+    turned = np.abs(other.rotation - best.rotation).max() > 1e-4
+    return bool(moved or turned)

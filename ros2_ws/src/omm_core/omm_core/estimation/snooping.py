@@ -1,0 +1,171 @@
+"""Search for wrong observations: one at a time, left out, and everything tested again.
+
+What can be wrong is a single centre (a reflection, an identifier misread), all that one image
+shows (its spindle pose belongs to another image) and all that is seen of one target (it was
+bumped). Each hypothesis is tried by solving without it. The smallest one that explains the
+residuals wins: the cost that is left, plus what chance would take away with as many coordinates.
+Where two that exclude each other explain them as well, nobody can tell, and nothing is published.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omm_core.estimation.fit import Fit, fit
+from omm_core.estimation.naming import describe
+from omm_core.estimation.problem import Problem, SolveOptions
+from omm_core.estimation.statistics import chi2_limit
+
+_TRIED = 12  # hypotheses of each kind, the most suspicious ones
+_TELLS_APART = 10.0  # difference of score, odds of about 1 : 150
+_MOST_LEFT_OUT = 1 / 3
+
+Kind = Literal["observation", "image", "target"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Hypothesis:
+    """That some observations are wrong together."""
+
+    kind: Kind
+    members: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Search:
+    """What the search came to.
+
+    Attributes
+    ----------
+    fit : Fit
+        Of the observations that are left.
+    dropped : (N,) bool array
+        Which of the first problem's observations are left out.
+    reasons : dict
+        Index of observation to why.
+    findings : tuple of str
+        What was found wrong, for people.
+    """
+
+    fit: Fit
+    dropped: NDArray[np.bool_]
+    reasons: dict[int, str]
+    findings: tuple[str, ...]
+
+
+def search(problem: Problem, options: SolveOptions) -> Search:
+    """Return the fit without the observations that are demonstrably wrong."""
+    first = fit(problem, options)
+    dropped = np.zeros(len(problem), dtype=bool)
+    if first.propagation is None or first.passed or not options.find_errors:
+        return Search(fit=first, dropped=dropped, reasons={}, findings=())
+    current, reasons, findings = first, {}, []
+    while not current.passed:
+        found = _most_likely(problem, dropped, current, options)
+        if found is None:
+            return Search(
+                fit=first, dropped=np.zeros(len(problem), dtype=bool), reasons={}, findings=()
+            )
+        hypothesis, without, rival = found
+        words = describe(problem, hypothesis.members, hypothesis.kind, without)
+        if rival is not None:
+            doubt = describe(problem, rival.members, rival.kind, without)
+            contradiction = (
+                f"all: the images contradict each other, and there are too few to tell which is"
+                f" wrong. Either {words}; or {doubt}. Take another image of each."
+            )
+            return Search(
+                fit=Fit(problem=problem, missing=(contradiction,)),
+                dropped=np.zeros(len(problem), dtype=bool), reasons={}, findings=(),
+            )  # fmt: skip
+        findings.append(words)
+        reasons.update({int(index): words for index in np.flatnonzero(hypothesis.members)})
+        dropped = dropped | hypothesis.members
+        current = without
+    return Search(fit=current, dropped=dropped, reasons=reasons, findings=tuple(findings))
+
+
+def _most_likely(
+    problem: Problem, dropped: NDArray[np.bool_], current: Fit, options: SolveOptions
+) -> tuple[Hypothesis, Fit, Hypothesis | None] | None:
+    """Return the best hypothesis, the fit without it, and a rival that nobody can tell from it."""
+    scored: list[tuple[float, Hypothesis, Fit]] = []
+    for hypothesis in _hypotheses(problem, dropped, current):
+        left_out = dropped | hypothesis.members
+        if left_out.sum() > max(1, int(len(problem) * _MOST_LEFT_OUT)):
+            continue
+        without = _without(problem, left_out, current, options)
+        if not without.determined or without.statistics is None:
+            continue
+        if without.statistics.degrees_of_freedom < 1:
+            continue
+        chance = chi2_limit(2 * int(hypothesis.members.sum()), options.significance)
+        if _explains(current, without, options):
+            scored.append((without.cost + chance, hypothesis, without))
+    if not scored:
+        return None
+    scored.sort(key=lambda item: item[0])
+    score, best, without = scored[0]
+    rivals = (
+        other
+        for other_score, other, other_fit in scored[1:]
+        if other_score < score + _TELLS_APART
+        and other_fit.passed
+        and without.passed
+        and not np.any(other.members & best.members)
+    )
+    return best, without, next(rivals, None)
+
+
+def _without(
+    problem: Problem, left_out: NDArray[np.bool_], current: Fit, options: SolveOptions
+) -> Fit:
+    """Return the fit without some: next to the current one, and from nothing if that is bad."""
+    smaller = problem.without(left_out)
+    near = fit(smaller, options, near=current.best)
+    if near.passed:
+        return near
+    return min(near, fit(smaller, options), key=lambda f: f.cost if f.determined else np.inf)
+
+
+def _explains(current: Fit, without: Fit, options: SolveOptions) -> bool:
+    """Tell whether what is left out stands out from what is left (F test).
+
+    Without this, centres that are all worse than they say would be left out one after another.
+    """
+    from scipy.special import fdtri
+
+    assert current.statistics is not None
+    assert without.statistics is not None
+    left = without.statistics.degrees_of_freedom
+    removed = current.statistics.degrees_of_freedom - left
+    variance = max(without.cost / left, 1e-30)
+    limit = float(fdtri(removed, left, 1.0 - 10.0 * options.significance))
+    stands_out = (current.cost - without.cost) / removed > limit * variance
+    return bool(stands_out and current.cost - without.cost > chi2_limit(removed, 1e-3))
+
+
+def _hypotheses(problem: Problem, dropped: NDArray[np.bool_], current: Fit) -> list[Hypothesis]:
+    """Return the most suspicious hypotheses of each kind, each set of observations once."""
+    assert current.propagation is not None
+    suspicion = np.zeros(len(problem))
+    suspicion[~dropped] = np.sum(current.propagation.residuals**2, axis=1)
+    kinds: list[tuple[Kind, NDArray[np.int64]]] = [
+        ("observation", np.arange(len(problem))),
+        ("image", problem.image_of),
+        ("target", problem.target_of),
+    ]
+    found: list[Hypothesis] = []
+    known: set[bytes] = set()
+    for kind, group_of in kinds:
+        sums = np.bincount(group_of[~dropped], weights=suspicion[~dropped])
+        for group in np.argsort(-sums)[:_TRIED]:
+            members = (group_of == group) & ~dropped
+            if members.any() and members.tobytes() not in known:
+                known.add(members.tobytes())
+                found.append(Hypothesis(kind=kind, members=members))
+    return found
