@@ -174,7 +174,7 @@ def _random_cell(random: np.random.Generator, calibration: CameraCalibration) ->
     if flat:
         xyz[:4] = size / 2 * np.array([[-1, -0.7, 0], [1, -0.7, 0], [1, 0.7, 0], [-1, 0.7, 0]])
         xyz[:, 2] = random.normal(0, 3, count) if random.uniform() < 0.5 else 0.0
-    tilted = random.normal(0, 0.1, (count, 3)) + [0, 0, 1.0]
+    tilted = random.normal(0, 0.1, (count, 3)) + np.array([0, 0, 1.0])
     normals = tilted / np.linalg.norm(tilted, axis=1, keepdims=True)
     part = Part(
         name="random",

@@ -124,7 +124,7 @@ def _second_image(problem: Problem, adjustment: Adjustment) -> str:
     """Say which second image would tell γ_s from the part's own position and turn."""
     bases = _bases(problem)
     target = max(bases, key=lambda index: bases[index][1])
-    images, base = bases[target]
+    base = bases[target][1]
     target_id = problem.target_ids[target]
     wanted = _wanted_base(problem, adjustment)
     if all(count == 1 for count, _ in bases.values()):

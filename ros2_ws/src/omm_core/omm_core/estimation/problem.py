@@ -182,8 +182,7 @@ def build_problem(
     ordered = tuple(sorted(observations, key=lambda o: (o.stamp_ns, o.target_id)))
     target_ids = tuple(sorted({o.target_id for o in ordered}))
     stamps = tuple(sorted({o.stamp_ns for o in ordered}))
-    image_of = np.array([stamps.index(o.stamp_ns) for o in ordered] if len(stamps) < 64 else
-                        np.searchsorted(stamps, [o.stamp_ns for o in ordered]), dtype=np.int64)  # fmt: skip
+    image_of = np.searchsorted(stamps, [o.stamp_ns for o in ordered]).astype(np.int64)
     target_of = np.searchsorted(target_ids, [o.target_id for o in ordered]).astype(np.int64)
     poses: list[RigidTransform | None] = [None] * len(stamps)
     for observation, image in zip(ordered, image_of):
