@@ -99,13 +99,23 @@ class Measurement:
         InputError
             Where the image is not of the calibration's sensor.
         """
+        detection = self.detect(image)
+        self.add_detection(stamp_ns, detection.targets)
+        return detection
+
+    def detect(self, image: NDArray[np.generic]) -> Detection:
+        """Find the targets in an image (H, W) without adding them; several threads may do so.
+
+        Raises
+        ------
+        InputError
+            Where the image is not of the calibration's sensor.
+        """
         from omm_core.targets import DetectionOptions, detect_targets
 
         self.calibration.check_image_shape(image.shape)
         options = self.options.detection or DetectionOptions()
-        detection = detect_targets(image, self._family, options)
-        self.add_detection(stamp_ns, detection.targets)
-        return detection
+        return detect_targets(image, self._family, options)
 
     def add_detection(self, stamp_ns: int, targets: Iterable[FoundTarget]) -> None:
         """Add the targets found in an image."""
