@@ -24,6 +24,7 @@ _UNANSWERED_S = 1.0
 _TICK_HIGH, _TICK_LOW = 0x093C, 0x0940
 _TIMESTAMP_CONTROL, _TIMESTAMP_HIGH, _TIMESTAMP_LOW = 0x0944, 0x0948, 0x094C
 _LATCH = 2
+_held: dict[str, gvcp.HeldWatch] = {}  # by address, from one connection to the next
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,13 +70,14 @@ class GigeDriver:
         self._answered_s = 0.0
         self._address = ""
         self._exposure_ns = 0
+        self._camera_health: Mapping[str, Any] = {}
         self._wraps = 0
         self._last_id = 0
 
     def open(self, settings: CameraSettings) -> Camera:
         """Find the camera, connect, apply the settings and make the stream."""
         found = find(self._options.device)
-        if gvcp.is_held(found.address):
+        if _held.setdefault(found.address, gvcp.HeldWatch()).is_held(found.address):
             raise DeviceError(
                 f"Expected {_name(found)} to be free, but another program holds it. Close that "
                 "program; a camera that was not let go of is free again after a few seconds."
@@ -90,6 +92,7 @@ class GigeDriver:
         packet_bytes = self._negotiate_packet_size()  # before the stream, which keeps it
         self._make_stream()
         self._read_clock(times=5)
+        self._camera_health = self._settings.health()
         self._answered_s = time.monotonic()
         return Camera(
             vendor=found.vendor,
@@ -156,6 +159,7 @@ class GigeDriver:
             raise DeviceLost("The camera was restarted, or let go of us.")
         if time.monotonic() - self._clock_read_s > _CLOCK_PERIOD_S:
             self._read_clock(times=2)
+            self._camera_health = self._settings.health()
 
     def set(self, name: str, value: float) -> float:
         """Change exposure or gain, checked against the camera's range."""
@@ -180,7 +184,7 @@ class GigeDriver:
             "packets_resent": resent.value,
             "packets_missing": missing.value,
             "clock": "latched" if self._latches else "from arrivals",
-            **self._settings.health(),
+            **self._camera_health,
         }
 
     def close(self) -> None:

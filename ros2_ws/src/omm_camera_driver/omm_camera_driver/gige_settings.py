@@ -42,11 +42,11 @@ class GigeSettings:
         if settings.pixel_format is not None:
             self._set_pixel_format(settings.pixel_format)
         self._set_region(settings)
-        self._set_trigger(settings)
         for name in ("exposure_us", "gain", "black_level", "frame_rate_hz"):
             value = getattr(settings, name)
             if value is not None:
                 self.set(name, value)
+        self._set_trigger(settings)  # after the frame rate, with which Aravis clears triggers
         if settings.strobe_line:
             self._set_strobe(settings.strobe_line)
         for name, value in settings.controls.items():
@@ -123,6 +123,7 @@ class GigeSettings:
         )  # fmt: skip
         if all(value is None for value in wanted):
             return
+        self._call("camera_set_region", 0, 0, -1, -1)  # else the offset bounds the size
         (_, most_cols), (_, most_rows) = self._bounds("width"), self._bounds("height")
         x, y = settings.offset_x_px or 0, settings.offset_y_px or 0
         width, height = settings.width_px or most_cols - x, settings.height_px or most_rows - y

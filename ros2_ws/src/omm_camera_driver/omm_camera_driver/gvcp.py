@@ -19,6 +19,7 @@ _DISCOVERY = struct.pack(">BBHHH", 0x42, 0x11, 0x0002, 0, 1)  # answered by broa
 _READ_REGISTER = 0x0080
 _CONTROL_CHANNEL_PRIVILEGE = 0x0A00
 _HELD = 0b11  # exclusive access, control access
+_QUESTIONS, _BETWEEN_S, _PAUSE_S = 4, 0.5, 3.5
 # Bootstrap registers, in the order of the discovery's answer.
 _IP, _MASK = 0x24, 0x34
 _MANUFACTURER, _MODEL, _SERIAL, _USER_NAME = (0x48, 32), (0x68, 32), (0xD8, 16), (0xE8, 16)
@@ -111,6 +112,32 @@ def is_held(address: str, timeout_s: float = 0.3) -> bool | None:
     if len(data) < 12:
         return None
     return bool(struct.unpack(">I", data[8:12])[0] & _HELD)
+
+
+class HeldWatch:
+    """Asks whether a camera is held, without keeping it held.
+
+    Some cameras (Aravis' own among them) take any reading of that register as a sign of life of the
+    program that holds it. One that crashed would be kept alive by being asked about, so after a few
+    questions there is a pause as long as a holder may be silent.
+    """
+
+    def __init__(self) -> None:
+        self._answered_held_s: list[float] = []
+
+    def is_held(self, address: str) -> bool:
+        """Whether another program controls the camera, as far as may be asked now."""
+        now_s = time.monotonic()
+        asked = self._answered_held_s
+        if asked and now_s - asked[-1] < (_PAUSE_S if len(asked) >= _QUESTIONS else _BETWEEN_S):
+            return True
+        if is_held(address):
+            self._answered_held_s = [*asked[-_QUESTIONS + 1 :], time.monotonic()]
+            if asked and now_s - asked[-1] > _PAUSE_S:
+                self._answered_held_s = [time.monotonic()]
+            return True
+        asked.clear()
+        return False
 
 
 def _socket(interface: str) -> socket.socket:

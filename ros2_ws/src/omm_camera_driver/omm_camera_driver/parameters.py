@@ -86,7 +86,6 @@ def camera_settings(parameters: Parameters) -> CameraSettings:
     InputError
         One of `controls` is not name=value.
     """
-    whole = parameters.roi_width_px == 0 and parameters.roi_height_px == 0
     return CameraSettings(
         exposure_us=parameters.exposure_us or None,
         gain=_number(parameters.gain),
@@ -95,8 +94,8 @@ def camera_settings(parameters: Parameters) -> CameraSettings:
         pixel_format=parameters.pixel_format or None,
         width_px=parameters.roi_width_px or None,
         height_px=parameters.roi_height_px or None,
-        offset_x_px=None if whole else parameters.roi_x_px,
-        offset_y_px=None if whole else parameters.roi_y_px,
+        offset_x_px=parameters.roi_x_px,
+        offset_y_px=parameters.roi_y_px,
         trigger=Trigger(parameters.trigger),
         trigger_line=parameters.trigger_line,
         strobe_line=parameters.strobe_line,
