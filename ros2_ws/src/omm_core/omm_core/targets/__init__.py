@@ -1,5 +1,20 @@
 """Ring-coded targets: families, detection, centring, printing."""
 
+from omm_core.targets.detection import (
+    DetectedTarget,
+    Detection,
+    DetectionOptions,
+    RefusedTarget,
+    detect_targets,
+)
 from omm_core.targets.families import TargetFamily, family_names
 
-__all__ = ["TargetFamily", "family_names"]
+__all__ = [
+    "DetectedTarget",
+    "Detection",
+    "DetectionOptions",
+    "RefusedTarget",
+    "TargetFamily",
+    "detect_targets",
+    "family_names",
+]
