@@ -93,6 +93,19 @@ def content(file: IO[bytes], record: Record) -> bytes:
     return data
 
 
+def check_prefix(file: IO[bytes], record: Record) -> None:
+    """Make sure that a record stands where an index says.
+
+    Raises
+    ------
+    Damaged
+        If not.
+    """
+    file.seek(record.start - PREFIX.size)
+    if file.read(PREFIX.size) != PREFIX.pack(record.opcode, record.length):
+        raise Damaged(f"there is no record at byte {record.start - PREFIX.size}, as the index says")
+
+
 def stream(data: bytes | memoryview) -> ReadDataStream:
     """Bytes as the `mcap` library's record classes read them."""
     return ReadDataStream(BytesIO(data))

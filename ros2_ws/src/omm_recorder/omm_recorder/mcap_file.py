@@ -181,6 +181,8 @@ class McapFile:
                 data = memoryview(container.content(self._file, block.record))
                 yield (*MESSAGE.unpack_from(data), data[MESSAGE.size :])
                 return
+            # Where the file system left a hole, the index points to zeros: they are no empty chunk.
+            container.check_prefix(self._file, block.record)
             head = container.chunk_header(self._file, block.record)
             for opcode, data in container.records_in_chunk(container.chunk_data(self._file, head)):
                 if opcode == Opcode.MESSAGE:

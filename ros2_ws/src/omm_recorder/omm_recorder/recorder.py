@@ -106,6 +106,8 @@ class Recorder:
         self, topic: str, data: bytes | memoryview, sequence: int, log_ns: int, publish_ns: int
     ) -> bool:
         """Take a message; False where it had to be refused."""
+        if self._stopping:  # it came after the end, which is no loss
+            return False
         tally = self._tallies[topic]
         # A middleware that does not number messages gives 0: then none can be missed.
         gap = tally.see(sequence or tally.received + 1, log_ns)
@@ -249,6 +251,7 @@ class Recorder:
             self._ended = reason
             self._queue.clear()
             self._queue_bytes = 0
+        self._flush_before_counting()
         counts = self._writer.counts()
         report = {name: t.as_text(counts.get(name, 0)) for name, t in self._tallies.items()}
         report["started_ns"] = str(self._started_ns)
@@ -260,6 +263,12 @@ class Recorder:
             self._failure = error
             self._trouble = str(error)
             self._tell(True, str(error))
+
+    def _flush_before_counting(self) -> None:
+        try:
+            self._writer.flush_at_end()
+        except OSError as error:  # told by `close`, which will meet it again
+            self._trouble = self._trouble or str(error)
 
     def _free(self) -> int:
         status = os.fstatvfs(self._writer.fileno())

@@ -95,6 +95,8 @@ class RecordingWriter:
             self._reserve = _reserved(path.parent)
             self._writer = self._begun()
         except BaseException:
+            if self._reserve is not None:
+                self._reserve.close()
             self._file.close()
             self.unfinished.unlink()
             raise
@@ -159,6 +161,19 @@ class RecordingWriter:
         """Write what was gathered; to be called a few times a second."""
         self._writer.flush()
 
+    def flush_at_end(self) -> None:
+        """Write what was gathered if the disk has space for it; after this, `counts` is final.
+
+        The space that was kept for the index is given free for it.
+        """
+        self._release_reserve()
+        try:
+            self._writer.flush()
+        except OSError as error:
+            if error.errno != errno.ENOSPC:
+                raise
+            self._writer.drop_pending()
+
     def abandon(self) -> None:
         """Give up: nothing is left behind."""
         self._stop()
@@ -168,6 +183,9 @@ class RecordingWriter:
     def _stop(self) -> None:
         self._stop_syncing.set()
         self._syncing.join()
+        self._release_reserve()
+
+    def _release_reserve(self) -> None:
         if self._reserve is not None:
             self._reserve.close()
             self._reserve = None
@@ -206,7 +224,7 @@ class RecordingWriter:
         return self.path
 
     def _end(self, report: dict[str, str]) -> str:
-        self._flush_or_drop()
+        self.flush_at_end()
         contents = self._writer.contents
         counts = self.counts()
         topics = [
@@ -230,15 +248,6 @@ class RecordingWriter:
         self._writer.add_metadata(SEAL, sealed(links, self._options.key_file))
         self._writer.finish()
         return dumped({"rosbag2_bagfile_information": bag})
-
-    def _flush_or_drop(self) -> None:
-        """Write what was gathered if the disk has space for it; the index matters more."""
-        try:
-            self._writer.flush()
-        except OSError as error:
-            if error.errno != errno.ENOSPC:
-                raise
-            self._writer.drop_pending()
 
     def _rescue(self) -> None:
         """The folder was removed: the data are there as long as the file is open. Copy them."""

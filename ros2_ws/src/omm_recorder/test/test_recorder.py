@@ -1,0 +1,126 @@
+"""The recorder's bookkeeping: what is lost is counted and told, what is not is recorded."""
+
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from omm_recorder.counting import TopicTally
+from omm_recorder.inspecting import inspect
+from omm_recorder.recorder import Limits, Recorder
+from omm_recorder.writing import RecordingOptions, RecordingWriter
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    until = time.monotonic() + 30.0
+    while not condition():
+        assert time.monotonic() < until, "waited in vain"
+        time.sleep(0.005)
+
+
+@pytest.fixture
+def told() -> list[str]:
+    return []
+
+
+@pytest.fixture
+def recorder(tmp_path: Path, topics: Any, told: list[str]) -> Recorder:
+    writer = RecordingWriter(tmp_path / "run.mcap", RecordingOptions())
+    recorder = Recorder(writer, Limits(queue_bytes=1 << 20), lambda _, text: told.append(text))
+    for topic in topics:
+        recorder.add_topic(topic)
+    return recorder
+
+
+def put(recorder: Recorder, sample: Any, sequence: int | None = None) -> bool:
+    number = sample.sequence if sequence is None else sequence
+    return recorder.put(sample.topic, sample.data, number, sample.log_ns, sample.publish_ns)
+
+
+def test_all_that_is_put_is_recorded_and_counted(
+    recorder: Recorder, samples: Any, told: list[str]
+) -> None:
+    for sample in samples:
+        wait_until(lambda: recorder.state().queue_bytes < 300_000)
+        assert put(recorder, sample)
+    summary = inspect(recorder.stop())
+    assert told == []
+    for topic in summary.topics:
+        number = sum(s.topic == topic.name for s in samples)
+        assert topic.messages == number
+        assert topic.tally["received"] == topic.tally["recorded"] == number
+        assert topic.tally["lost_by_recorder"] == topic.tally["missing_from_publisher"] == 0
+
+
+def test_a_disk_that_does_not_keep_up_costs_whole_messages_and_is_told_at_once(
+    recorder: Recorder, samples: Any, told: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    images = [s for s in samples if s.topic == "/camera/image_raw"]
+    gate = threading.Event()
+    write = RecordingWriter.write
+
+    def slow(*arguments: Any, **named: Any) -> None:
+        gate.wait()
+        write(*arguments, **named)
+
+    monkeypatch.setattr(RecordingWriter, "write", slow)
+    taken = [put(recorder, image) for image in images]
+    assert not all(taken)
+    assert "the disk does not keep up" in told[0]
+    gate.set()
+    path = recorder.stop()
+    tally = next(t for t in inspect(path).topics if t.name == "/camera/image_raw").tally
+    assert tally["lost_by_recorder"] == taken.count(False) == recorder.state().lost
+    assert tally["recorded"] == taken.count(True)
+
+
+def test_messages_that_never_arrived_are_counted_by_the_publishers_numbers(
+    recorder: Recorder, samples: Any, told: list[str]
+) -> None:
+    poses = [s for s in samples if s.topic == "/cnc/spindle_pose"]
+    for sample, number in zip(poses, [7, 8, 12, 13]):
+        put(recorder, sample, number)
+    assert "3 messages on /cnc/spindle_pose never arrived" in told[0]
+    tally = next(t for t in inspect(recorder.stop()).topics if "spindle" in t.name).tally
+    assert tally["missing_from_publisher"] == 3
+    assert tally["published_before_first"] == 6
+
+
+def test_a_publisher_that_starts_again_is_no_loss() -> None:
+    tally = TopicTally()
+    assert [tally.see(n, n) for n in (1, 2, 3, 1, 2)] == [0] * 5
+    assert tally.missing == 0
+
+
+def test_two_publishers_on_a_topic_are_not_mistaken_for_losses() -> None:
+    tally = TopicTally()
+    for number in (1, 1, 2, 2, 3, 3):
+        tally.see(number, 0)
+    assert tally.missing is None
+
+
+def test_the_longest_pause_is_noted() -> None:
+    tally = TopicTally()
+    for number, time_ns in enumerate((0, 10, 25, 30), 1):
+        tally.see(number, time_ns)
+    assert (tally.longest_pause_ns, tally.longest_pause_at_ns) == (15, 10)
+
+
+def test_too_little_space_left_ends_the_recording_soundly(
+    tmp_path: Path, topics: Any, samples: Any, told: list[str]
+) -> None:
+    writer = RecordingWriter(tmp_path / "run.mcap", RecordingOptions())
+    limits = Limits(stop_free_bytes=1 << 60)
+    recorder = Recorder(writer, limits, lambda _, text: told.append(text))
+    recorder.add_topic(topics[1])
+    put(recorder, samples[0])
+    wait_until(lambda: not recorder.state().recording)
+    assert "Recording has ended" in told[0]
+    assert not put(recorder, samples[1])
+    assert recorder.state().lost == 1
+    summary = inspect(recorder.stop())
+    assert summary.ended_because == "the disk is full"
+    assert summary.topics[0].messages == 1
