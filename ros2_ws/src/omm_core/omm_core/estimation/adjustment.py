@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 
 MAX_ITERATIONS = 60
 TOLERANCE_SIGMA = 1e-6
+_VALLEY_SIGMA = 1.0  # to what the point model is solved before the circles come in
 _SCREENED = 12  # starts that are refined by the pixels
 _SAME_POSE_RAD = 1e-6
 
@@ -71,18 +72,26 @@ class Adjustment:
         return result
 
 
-def refine(problem: Problem, options: SolveOptions, start: Start) -> Adjustment:
-    """Return the optimum next to a start: first with points for targets, then with circles."""
+def refine(
+    problem: Problem, options: SolveOptions, start: Start | Adjustment, *, circles: bool = True
+) -> Adjustment:
+    """Return the optimum next to a start, with circles or with points for targets.
+
+    The point model is eight times cheaper and, from afar, finds the same valley: where circles are
+    wanted, it goes first.
+    """
     R = np.ascontiguousarray(start.rotation).copy()
     d0 = np.ascontiguousarray(start.d0_mm).copy()
     gamma, normal = np.array([start.gamma_s_rad]), np.zeros((7, 7))
-    shared = (problem.measured, problem.information, options.unknowns)
+    shared = (problem.measured, problem.information, options.unknowns, MAX_ITERATIONS)
     state = (R, d0, gamma, normal)
-    # The point model is eight times cheaper and, from afar, finds the same valley.
-    gauss_newton(*problem.model_arguments(circles=False), *shared, MAX_ITERATIONS, 1.0, *state)
     cost, iterations = gauss_newton(
-        *problem.model_arguments(), *shared, MAX_ITERATIONS, TOLERANCE_SIGMA, *state
+        *problem.model_arguments(circles=False), *shared, _VALLEY_SIGMA, *state
     )
+    if circles:
+        cost, iterations = gauss_newton(
+            *problem.model_arguments(), *shared, TOLERANCE_SIGMA, *state
+        )
     return Adjustment(
         rotation=R, d0_mm=d0, gamma_s_rad=float(gamma[0]), cost=float(cost), normal=normal,
         converged=iterations > 0, iterations=abs(int(iterations)),
@@ -95,7 +104,6 @@ def adjust(problem: Problem, options: SolveOptions) -> list[Adjustment]:
     More than one means that the observations allow several poses; the next best one's cost tells
     how much less likely it is. Empty where no pose was found that the camera could have seen.
     """
-    one = [options.gamma_s_rad]
     circle = np.linspace(0.0, 2 * np.pi, GAMMA_STEPS, endpoint=False)
     starts = find_starts(
         rays=problem.calibration.lens.rays(problem.measured),
@@ -105,20 +113,30 @@ def adjust(problem: Problem, options: SolveOptions) -> list[Adjustment]:
         machine_d_spindle_mm=problem.d_cnc,
         image_of=problem.image_of,
         X_mm=problem.points[problem.target_of, 0],
-        gammas_rad=np.array(one) if options.model == "6d" else circle,
+        gammas_rad=np.array([options.gamma_s_rad]) if options.model == "6d" else circle,
     )
-    minima: list[Adjustment] = []
-    tried = 0
+    valleys: list[Adjustment] = []
     for start in starts:
-        found = refine(problem, options, start)
-        if not np.isfinite(found.cost):
-            continue
-        tried += 1
-        if not any(_same(found, other) for other in minima):
-            minima.append(found)
-        if tried >= _SCREENED:
+        found = refine(problem, options, start, circles=False)
+        if np.isfinite(found.cost):
+            valleys.append(found)
+        if len(valleys) >= _SCREENED:
             break
+    lowest = min((_rms_px(problem, found) for found in valleys), default=0.0)
+    minima: list[Adjustment] = []
+    for valley in valleys:
+        # Points for circles are wrong by less than a pixel.
+        if _rms_px(problem, valley) > 2.0 * lowest + 1.0:
+            continue
+        found = refine(problem, options, valley)
+        if np.isfinite(found.cost) and not any(_same(found, other) for other in minima):
+            minima.append(found)
     return sorted(minima, key=lambda found: found.cost)
+
+
+def _rms_px(problem: Problem, adjustment: Adjustment) -> float:
+    information = float(problem.information[:, [0, 2]].sum())
+    return float(np.sqrt(adjustment.cost / information))
 
 
 def predictions(problem: Problem, adjustment: Adjustment) -> tuple[Array, Array]:

@@ -9,7 +9,6 @@ import numpy as np
 from omm_core.estimation.adjustment import Adjustment, adjust, refine
 from omm_core.estimation.observability import ambiguous, not_determined, too_few
 from omm_core.estimation.problem import Problem, SolveOptions
-from omm_core.estimation.start import Start
 from omm_core.estimation.statistics import Statistics, analyse
 from omm_core.estimation.uncertainty import Propagation, propagate
 
@@ -52,7 +51,7 @@ def fit(problem: Problem, options: SolveOptions, near: Adjustment | None = None)
     missing = too_few(problem, options)
     if missing:
         return Fit(problem=problem, missing=tuple(missing))
-    minima = [_next_to(problem, options, near)] if near is not None else adjust(problem, options)
+    minima = [refine(problem, options, near)] if near is not None else adjust(problem, options)
     if not minima or not np.isfinite(minima[0].cost):
         words = (
             "all: no pose of the part was found from which the camera could have seen what it saw:"
@@ -81,13 +80,6 @@ def fit(problem: Problem, options: SolveOptions, near: Adjustment | None = None)
         propagation=propagation,
         statistics=analyse(propagation, best.d_theta_d_local(problem.X0_mm), options),
     )
-
-
-def _next_to(problem: Problem, options: SolveOptions, near: Adjustment) -> Adjustment:
-    start = Start(
-        rotation=near.rotation, d0_mm=near.d0_mm, gamma_s_rad=near.gamma_s_rad, cost_mm2=0.0
-    )
-    return refine(problem, options, start)
 
 
 def _apart(other: Adjustment, best: Adjustment) -> bool:

@@ -382,7 +382,7 @@ def gauss_newton(lens, kind, R_calib, d_calib, R_cnc, d_cnc, image_of, target_of
         )  # fmt: skip
         # The cost falls by the square of the step: for a short one by less than its last digits
         # hold, so that it may seem to rise.
-        short = length2 < 1e-8 * (1.0 + cost)
+        short = length2 < 1e-8 + 1e-10 * cost
         if cost_new <= cost or (short and cost_new < np.inf):
             cost = cost_new
             R[:, :] = R_new
