@@ -7,7 +7,7 @@ the set of images and poses, so that both come to the same numbers, to the bit.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -138,6 +138,11 @@ class Measurement:
         versions = self._images.setdefault(stamp_ns, set())
         if not any(_same(content, known) for known in versions):
             versions.add(content)
+
+    def solve_with(self, options: SolveOptions) -> None:
+        """Solve with other options from now on; what was measured stays."""
+        self.options = replace(self.options, solve=options)
+        self._solved = None
 
     @property
     def images_pending(self) -> int:

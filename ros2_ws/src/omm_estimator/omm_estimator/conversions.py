@@ -1,0 +1,162 @@
+"""Between the core's results (mm, rad) and messages (m, rad)."""
+
+import math
+
+import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
+from numpy.typing import NDArray
+from omm_interfaces.msg import (
+    ImageStatus,
+    PartEstimate,
+    RefusedTarget,
+    ResidualStatus,
+    TargetObservation,
+    TargetObservations,
+    TargetStatus,
+)
+from std_msgs.msg import Header
+
+from omm_core.calibration import CameraCalibration
+from omm_core.geometry import RigidTransform, holder_rotation, rotation_from_euler_xyz_rad
+from omm_core.result import MeasurementResult
+from omm_core.targets import Detection
+from omm_ros.conversions import MM_PER_M, pose_from_transform, time_from_ns, transform_message
+
+Array = NDArray[np.float64]
+
+# θ = (α, β, γ, x, y, z, γ_s): from mm to m where it is a length.
+_TO_SI = np.array([1.0, 1.0, 1.0, 1 / MM_PER_M, 1 / MM_PER_M, 1 / MM_PER_M, 1.0])
+
+
+def theta_si(result: MeasurementResult) -> Array:
+    """θ in rad and m; NaN where it is not determined."""
+    return np.asarray(result.solution.theta) * _TO_SI if result.determined else np.full(7, np.nan)
+
+
+def covariance_si(result: MeasurementResult) -> Array:
+    """Covariance of θ, (7, 7), rad and m."""
+    if not result.determined:
+        return np.full((7, 7), np.nan)
+    return np.asarray(result.solution.covariance) * np.outer(_TO_SI, _TO_SI)
+
+
+def machine_T_part(result: MeasurementResult) -> RigidTransform:
+    """The part's pose."""
+    theta = result.solution.theta
+    return RigidTransform.from_euler_xyz_rad(*theta[:3], translation_mm=theta[3:6])
+
+
+def estimate_message(result: MeasurementResult) -> PartEstimate:
+    """The whole result as /omm/estimate."""
+    solution = result.solution
+    newest_ns = max((image.stamp_ns for image in result.images), default=0)
+    message = PartEstimate(
+        header=Header(stamp=time_from_ns(newest_ns), frame_id="machine"),
+        part=result.part_name,
+        model=solution.model,
+        determined=result.determined,
+        converged=bool(solution.converged),
+        theta=theta_si(result),
+        covariance=covariance_si(result).ravel(),
+        rms_px=_or_nan(solution.rms_px),
+        sigma0=_or_nan(solution.sigma0),
+        degrees_of_freedom=int(solution.degrees_of_freedom),
+        images_received=len(result.images),
+        images_pending=result.images_pending,
+        missing=list(result.missing),
+        findings=list(result.findings),
+    )
+    message.images = [
+        ImageStatus(stamp=time_from_ns(i.stamp_ns), used=i.used, reason=i.reason or "")
+        for i in result.images
+    ]
+    message.targets = [
+        TargetStatus(id=target_id, images=images)
+        for target_id, images in result.images_per_target.items()
+    ]
+    message.observations = [
+        ResidualStatus(
+            stamp=time_from_ns(o.stamp_ns),
+            target_id=o.target_id,
+            col_px=o.center_px[0],
+            row_px=o.center_px[1],
+            residual_px=np.array(o.residual_px),
+            used=o.used,
+            reason=o.reason or "",
+        )
+        for o in result.observations
+    ]
+    return message
+
+
+def pose_message(result: MeasurementResult) -> PoseWithCovarianceStamped:
+    """The part's pose with ROS's covariance: x, y, z, rotations about the fixed axes X, Y, Z.
+
+    A change of the Euler angles turns the part by ``ω = E (dα, dβ, dγ)`` about fixed axes, with the
+    axes of the three turns as columns of E; so the covariance is mapped, not permuted.
+    """
+    alpha, beta, gamma = (float(angle) for angle in result.solution.theta[:3])
+    del alpha  # the first turn's axis does not depend on its own angle
+    turned_z = rotation_from_euler_xyz_rad(0.0, 0.0, gamma)
+    turned_zy = rotation_from_euler_xyz_rad(0.0, beta, gamma)
+    axes = np.column_stack([turned_zy[:, 0], turned_z[:, 1], [0.0, 0.0, 1.0]])
+    mapping = np.zeros((6, 7))
+    mapping[:3, 3:6] = np.eye(3)
+    mapping[3:, :3] = axes
+    newest_ns = max(image.stamp_ns for image in result.images)
+    message = PoseWithCovarianceStamped()
+    message.header = Header(stamp=time_from_ns(newest_ns), frame_id="machine")
+    message.pose.pose = pose_from_transform(machine_T_part(result))
+    message.pose.covariance = (mapping @ covariance_si(result) @ mapping.T).ravel()
+    return message
+
+
+def frame_transforms(
+    result: MeasurementResult | None, calibration: CameraCalibration, part_frame: str
+) -> list[TransformStamped]:
+    """What the estimator knows of the frames: camera in taper, and, once solved, the rest."""
+    frames = [("taper", "camera_optical", calibration.taper_T_camera)]
+    stamp_ns = 0
+    if result is not None and result.determined:
+        gamma_s_rad = float(result.solution.theta[6])
+        holder = RigidTransform(rotation=holder_rotation(gamma_s_rad), translation_mm=np.zeros(3))
+        frames += [("spindle", "taper", holder), ("machine", part_frame, machine_T_part(result))]
+        stamp_ns = max(image.stamp_ns for image in result.images)
+    return [
+        TransformStamped(
+            header=Header(stamp=time_from_ns(stamp_ns), frame_id=parent),
+            child_frame_id=child,
+            transform=transform_message(parent_t_child),
+        )
+        for parent, child, parent_t_child in frames
+    ]
+
+
+def observations_message(
+    header: Header, family: str, shape: tuple[int, ...], detection: Detection
+) -> TargetObservations:
+    """What was found in one image."""
+    return TargetObservations(
+        header=header,
+        target_family=family,
+        height_px=shape[0],
+        width_px=shape[1],
+        targets=[
+            TargetObservation(
+                id=t.id,
+                col_px=float(t.center_px[0]),
+                row_px=float(t.center_px[1]),
+                covariance_px2=np.asarray(t.covariance_px2).ravel(),
+                diameter_px=float(t.diameter_px),
+            )
+            for t in detection.targets
+        ],
+        refused=[
+            RefusedTarget(col_px=r.center_px[0], row_px=r.center_px[1], reason=r.reason)
+            for r in detection.refused
+        ],
+    )
+
+
+def _or_nan(value: float | None) -> float:
+    return math.nan if value is None else float(value)

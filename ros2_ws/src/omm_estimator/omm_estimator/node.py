@@ -1,0 +1,234 @@
+"""The node ``estimator``: images and spindle poses in, pose of the part out.
+
+Wiring only: what becomes of images and poses is decided by `omm_core.measurement.Measurement`.
+Targets are searched on the executor's thread for images, while poses go on arriving on another.
+"""
+
+from __future__ import annotations
+
+import threading
+
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from omm_interfaces.msg import PartEstimate, TargetObservations
+from omm_interfaces.srv import LoadPart
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from sensor_msgs.msg import Image
+from std_srvs.srv import Trigger
+from tf2_msgs.msg import TFMessage
+
+from omm_core.calibration import load_calibration
+from omm_core.errors import InputError, OmmError
+from omm_core.measurement import Measurement
+from omm_core.part import load_part
+from omm_core.result import MeasurementResult
+from omm_estimator import conversions
+from omm_estimator.parameters import Parameters
+from omm_ros import qos
+from omm_ros.conversions import image_from_message, stamp_ns, transform_from_pose
+from omm_ros.diagnostics import ERROR, OK, WARN, Diagnostics, Health
+from omm_ros.node_main import run_node
+from omm_ros.parameters import declare, watch
+
+_SETTLE_PERIOD_S = 0.02
+
+
+class EstimatorNode(LifecycleNode):
+    """Publishes the estimate as soon as it is determined, and again after every image."""
+
+    def __init__(self) -> None:
+        super().__init__("estimator")
+        self._p = declare(self, Parameters)
+        self.failure: OmmError | None = None
+        self._lock = threading.Lock()  # around the measurement
+        self._measurement: Measurement | None = None
+        self._pending = 0
+        self._bad_poses = 0
+        self._last: MeasurementResult | None = None
+        self._active = False
+        self._estimate = self.create_publisher(PartEstimate, "/omm/estimate", qos.LATCHED)
+        self._pose = self.create_publisher(PoseWithCovarianceStamped, "/omm/part_pose", qos.LATCHED)
+        self._observations = self.create_publisher(
+            TargetObservations, "/omm/observations", qos.OBSERVATIONS
+        )
+        self._frames = self.create_publisher(TFMessage, "/tf_static", qos.LATCHED)
+        diagnostics = Diagnostics(self)
+        diagnostics.add("images", self._image_health)
+        diagnostics.add("estimate", self._estimate_health)
+        watch(self, self._p, self._on_parameters)
+
+    # --- transitions ---------------------------------------------------------------------------
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Read part and calibration; images that come before activation are not taken."""
+        try:
+            self._begin(self._p.part_file)
+        except InputError as error:
+            self.failure = error
+            self.get_logger().error(str(error))
+            return TransitionCallbackReturn.FAILURE
+        images, poses = MutuallyExclusiveCallbackGroup(), MutuallyExclusiveCallbackGroup()
+        self._inputs = [
+            self.create_subscription(
+                Image, "/camera/image_raw", self._on_image, qos.IMAGE, callback_group=images
+            ),
+            self.create_subscription(
+                PoseStamped, "/cnc/spindle_pose", self._on_pose, qos.POSE, callback_group=poses
+            ),
+        ]
+        self._services = [
+            *self._services,
+            self.create_service(Trigger, "~/new_clamping", self._on_new_clamping),
+            self.create_service(LoadPart, "~/load_part", self._on_load_part),
+        ]
+        self._timer = self.create_timer(_SETTLE_PERIOD_S, self._on_timer, callback_group=images)
+        return super().on_configure(state)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Take images from now on."""
+        self._active = True
+        self._publish()
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Take no images; what was measured stays."""
+        self._active = False
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Forget everything."""
+        for subscription in self._inputs:
+            self.destroy_subscription(subscription)
+        self.destroy_timer(self._timer)
+        self._measurement = self._last = None
+        return super().on_cleanup(state)
+
+    # --- inputs --------------------------------------------------------------------------------
+
+    def _on_pose(self, message: PoseStamped) -> None:
+        try:
+            pose = transform_from_pose(message.pose)
+        except InputError as error:
+            self._bad_poses += 1
+            self.get_logger().warning(f"spindle pose: {error}", throttle_duration_sec=5.0)
+            return
+        with self._lock:
+            if self._measurement is not None:
+                self._measurement.add_pose(stamp_ns(message.header.stamp), pose)
+
+    def _on_image(self, message: Image) -> None:
+        measurement = self._measurement
+        if not self._active or measurement is None:
+            return
+        stamp = stamp_ns(message.header.stamp)
+        try:
+            image = image_from_message(message)
+            detection = measurement.detect(image)
+        except InputError as error:
+            with self._lock:
+                measurement.add_refused_image(stamp, str(error))
+            self.get_logger().error(f"image: {error}", throttle_duration_sec=5.0)
+        else:
+            with self._lock:
+                measurement.add_detection(stamp, detection.targets)
+            self._observations.publish(
+                conversions.observations_message(
+                    message.header, measurement.part.target_family, image.shape, detection
+                )
+            )
+        self._publish()
+
+    def _on_timer(self) -> None:
+        """Publish again when poses that came after an image decide about it."""
+        if not self._pending or self._measurement is None:
+            return
+        with self._lock:
+            settled = self._measurement.images_pending < self._pending
+        if settled:
+            self._publish()
+
+    def _on_new_clamping(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        assert self._measurement is not None
+        with self._lock:
+            part, calibration = self._measurement.part, self._measurement.calibration
+            self._measurement = Measurement(part, calibration, self._p.measurement_options())
+        self._publish()
+        response.success, response.message = True, f"part {part.name}: all images forgotten"
+        self.get_logger().info(response.message)
+        return response
+
+    def _on_load_part(
+        self, request: LoadPart.Request, response: LoadPart.Response
+    ) -> LoadPart.Response:
+        try:
+            self._begin(request.part_file)
+        except InputError as error:
+            response.success, response.message = False, str(error)
+            return response
+        self._publish()
+        response.success, response.message = True, f"measuring {self._measurement.part.name}"  # type: ignore[union-attr]
+        return response
+
+    def _on_parameters(self, parameters: Parameters) -> None:
+        self._p = parameters
+        if self._measurement is not None:
+            with self._lock:
+                self._measurement.solve_with(parameters.solve_options())
+            self._publish()
+
+    # --- outputs -------------------------------------------------------------------------------
+
+    def _begin(self, part_file: str) -> None:
+        if not part_file or not self._p.calibration_file:
+            raise InputError(
+                "Expected the parameters part_file and calibration_file, got "
+                f"part_file={part_file!r}, calibration_file={self._p.calibration_file!r}."
+            )
+        part, calibration = load_part(part_file), load_calibration(self._p.calibration_file)
+        with self._lock:
+            self._measurement = Measurement(part, calibration, self._p.measurement_options())
+            self._last = None
+
+    def _publish(self) -> None:
+        with self._lock:
+            if self._measurement is None:
+                return
+            result = self._measurement.result()
+            calibration = self._measurement.calibration
+            self._pending, self._last = result.images_pending, result
+            # Published within the lock: the last one published is the last one solved.
+            self._estimate.publish(conversions.estimate_message(result))
+            if result.determined:
+                self._pose.publish(conversions.pose_message(result))
+            frames = conversions.frame_transforms(result, calibration, self._p.part_frame)
+            self._frames.publish(TFMessage(transforms=frames))
+
+    # --- diagnostics ---------------------------------------------------------------------------
+
+    def _image_health(self) -> Health:
+        result = self._last
+        if result is None:
+            return Health(level=WARN, message="not configured")
+        refused = [image for image in result.images if not image.used]
+        values: dict[str, object] = {f"refused {i.stamp_ns}": i.reason for i in refused[-20:]}
+        values |= {"images": len(result.images), "pending": result.images_pending}
+        values["bad poses"] = self._bad_poses
+        message = f"{len(result.images) - len(refused)} of {len(result.images)} images used"
+        return Health(
+            level=WARN if refused or self._bad_poses else OK, message=message, values=values
+        )
+
+    def _estimate_health(self) -> Health:
+        result = self._last
+        if result is None or not result.images:
+            return Health(level=OK, message="no image yet")
+        if not result.determined:
+            return Health(level=WARN, message="; ".join(result.missing) or "not determined")
+        if result.findings:
+            return Health(level=ERROR, message="; ".join(result.findings))
+        return Health(message=f"determined, residuals {result.solution.rms_px:.4f} px RMS")
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return run_node(EstimatorNode, args, threads=3)

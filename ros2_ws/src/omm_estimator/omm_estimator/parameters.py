@@ -1,0 +1,68 @@
+"""All parameters of the node ``estimator``."""
+
+from dataclasses import dataclass
+
+from omm_core.estimation import SolveOptions
+from omm_core.measurement import MeasurementOptions
+from omm_core.pairing import PairingOptions
+from omm_core.targets import DetectionOptions
+from omm_ros.parameters import parameter
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameters:
+    """What is measured, and when an image may be used."""
+
+    part_file: str = parameter("", "part.yaml: the targets and where they are on the part.")
+    calibration_file: str = parameter("", "camera.yaml: the lens, and the camera in the taper.")
+    model: str = parameter(
+        "7d", "7d: the holder's angle is solved too; 6d: it is given.",
+        choices=("7d", "6d"), read_only=False,
+    )  # fmt: skip
+    gamma_s_rad: float = parameter(0.0, "Holder's angle in the 6d model.", read_only=False)
+    machine_sigma_mm: float = parameter(
+        0.0, "Standard deviation of each axis' position at a stop; 0: taken as exact.",
+        minimum=0.0, read_only=False,
+    )  # fmt: skip
+    standstill_tolerance_mm: float = parameter(
+        0.005, "Poses of a spindle that stands still differ by no more.", minimum=1e-6
+    )
+    standstill_tolerance_rad: float = parameter(2e-5, "The same for its orientation.", minimum=1e-9)
+    standstill_window_s: float = parameter(
+        0.1, "So long before and after an image the spindle must stand still.", minimum=0.001
+    )
+    standstill_gap_s: float = parameter(
+        0.06, "Poses farther apart than this prove nothing about the time between.", minimum=0.001
+    )
+    polarity: str = parameter(
+        "both", "Dots that are brighter or darker than their surroundings.",
+        choices=("bright", "dark", "both"),
+    )  # fmt: skip
+    smallest_dot_px: float = parameter(7.0, "Least length of a dot's major axis.", minimum=4.0)
+    largest_dot_px: float = parameter(160.0, "Largest length of it.", minimum=8.0)
+    part_frame: str = parameter("part", "Name of the part's frame in /tf.")
+
+    def solve_options(self) -> SolveOptions:
+        """How the core is to solve."""
+        return SolveOptions(
+            model=self.model,  # type: ignore[arg-type]
+            gamma_s_rad=self.gamma_s_rad,
+            machine_sigma_mm=self.machine_sigma_mm,
+        )
+
+    def measurement_options(self) -> MeasurementOptions:
+        """What the core is to use."""
+        return MeasurementOptions(
+            pairing=PairingOptions(
+                window_ns=round(self.standstill_window_s * 1e9),
+                gap_ns=round(self.standstill_gap_s * 1e9),
+                tolerance_mm=self.standstill_tolerance_mm,
+                tolerance_rad=self.standstill_tolerance_rad,
+            ),
+            solve=self.solve_options(),
+            detection=DetectionOptions(
+                polarity=self.polarity,
+                smallest_dot_px=self.smallest_dot_px,
+                largest_dot_px=self.largest_dot_px,
+            ),
+        )
