@@ -25,6 +25,8 @@ def simulated_cell(
     part_file, calibration_file = str(run_folder / "part.yaml"), str(run_folder / "camera.yaml")
     known = {"part_file": part_file, "calibration_file": calibration_file}
     drawn = {"scenario": scenario, "seed": seed}
+    # A real LinuxCNC with simulated drives, which the bridge starts and ends.
+    started = {"linuxcnc_cell": "three_axis_mill"} if control == "linuxcnc" else {}
     return (
         NodeSpec(
             package="omm_recorder",
@@ -53,6 +55,6 @@ def simulated_cell(
             package="omm_cnc_bridge",
             executable="cnc_bridge_node",
             name="cnc_bridge",
-            parameters={"control": control, "start_program": start_program, **drawn},
+            parameters={"control": control, "start_program": start_program, **started, **drawn},
         ),
     )

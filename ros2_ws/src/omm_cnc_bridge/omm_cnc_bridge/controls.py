@@ -2,38 +2,91 @@
 
 from __future__ import annotations
 
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
 from omm_cnc_bridge.control import Control
 from omm_cnc_bridge.kinematics import Machine
 from omm_cnc_bridge.parameters import Parameters
 from omm_core.errors import InputError
+
+if TYPE_CHECKING:
+    from omm_simulation.cell import Cell
 
 
 def make_control(p: Parameters) -> tuple[Control, Machine]:
     """Raises InputError where the parameters do not fit together. Connects to nothing yet."""
     if p.control == "simulated":
         return _simulated(p)
+    if p.control == "linuxcnc" and p.linuxcnc_cell:
+        return _linuxcnc_cell(p)
     if not p.machine_file:
         raise InputError(
             f"Expected the parameter machine_file with control {p.control}, got none: give the "
             "machine's URDF; omm_cnc_bridge's folder machines has examples."
         )
+    if p.control == "linuxcnc":
+        return _linuxcnc(p), Machine.load(p.machine_file)
     raise InputError(f"Expected a known control, got {p.control}.")
+
+
+def _linuxcnc(p: Parameters) -> Control:
+    from omm_cnc_bridge.linuxcnc import LinuxCncControl
+
+    return LinuxCncControl(
+        rate_hz=p.rate_hz,
+        reader=p.linuxcnc_reader,
+        joint_names=p.linuxcnc_joints,
+        program_file=p.program_file,
+        poll=p.linuxcnc_poll,
+    )
+
+
+def _linuxcnc_cell(p: Parameters) -> tuple[Control, Machine]:
+    """A real LinuxCNC with simulated drives, which runs the scenario's stops."""
+    from omm_cnc_bridge.gcode import ProgramOptions, Stop, measuring_program
+    from omm_cnc_bridge.linuxcnc_cell import DemoLinuxCnc
+    from omm_cnc_bridge.simulated import machine_of
+
+    cell = _draw(p)
+    machine = machine_of(cell.scenario)
+    program = cell.scenario.program
+    text = measuring_program(
+        [
+            Stop(target_id=stop.target_id, spindle_in_machine_mm=stop.spindle_in_machine_mm)
+            for stop in cell.stops
+        ],
+        machine.machine_T_spindle({"X": 0.0, "Y": 0.0, "Z": 0.0}).rotation,
+        ProgramOptions(
+            retract_mm=program.retract_mm, dwell_s=program.dwell_s, feed_mm_per_min=30000.0
+        ),
+        title=cell.scenario.name,
+    )
+    folder = Path(tempfile.mkdtemp(prefix="omm_linuxcnc_"))
+    folder.chmod(0o755)  # as root, LinuxCNC's realtime part runs as another user
+    control = DemoLinuxCnc(p.linuxcnc_cell, folder, text, machine, rate_hz=p.rate_hz)
+    return control, machine
 
 
 def _simulated(p: Parameters) -> tuple[Control, Machine]:
     from omm_cnc_bridge.simulated import SimulatedCellControl, machine_of
+
+    cell = _draw(p)
+    control = SimulatedCellControl(
+        cell, rate_hz=p.rate_hz, speed_factor=p.speed_factor, repetitions=p.repetitions
+    )
+    own = machine_of(cell.scenario)
+    return control, Machine.load(p.machine_file) if p.machine_file else own
+
+
+def _draw(p: Parameters) -> Cell:
     from omm_simulation.cell import draw
     from omm_simulation.scenario import load_scenario
 
-    scenario = load_scenario(p.scenario)
-    cell = draw(
-        scenario,
+    return draw(
+        load_scenario(p.scenario),
         p.seed,
         clamping_seed=None if p.clamping_seed < 0 else p.clamping_seed,
         bumped_id=None if p.bumped_id < 0 else p.bumped_id,
     )
-    control = SimulatedCellControl(
-        cell, rate_hz=p.rate_hz, speed_factor=p.speed_factor, repetitions=p.repetitions
-    )
-    machine = Machine.load(p.machine_file) if p.machine_file else machine_of(scenario)
-    return control, machine

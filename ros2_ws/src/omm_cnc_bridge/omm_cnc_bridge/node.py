@@ -35,6 +35,7 @@ from omm_ros.node_main import run_node
 from omm_ros.parameters import declare
 
 TF_RATE_HZ = 30.0
+CONNECT_PATIENCE_S = 15.0  # for a control that is just being started
 
 
 class CncBridgeNode(Node):
@@ -180,12 +181,15 @@ class CncBridgeNode(Node):
     def _on_start_program(
         self, _: TriggerService.Request, response: TriggerService.Response
     ) -> TriggerService.Response:
+        deadline_s = time.monotonic() + CONNECT_PATIENCE_S
+        while self._connection is not Connection.CONNECTED and time.monotonic() < deadline_s:
+            time.sleep(0.05)
         response.success, response.message = self._start_program()
         return response
 
     def _start_program(self) -> tuple[bool, str]:
         control = self._control
-        if self._p.control != "simulated" and not self._p.allow_commands:
+        if not (_is_simulated(self._p) or self._p.allow_commands):
             return False, "allow_commands is false: start the program at the control"
         if self._connection is not Connection.CONNECTED or not isinstance(control, StartsPrograms):
             return False, f"{self._p.control} is not connected: {self._detail}"
@@ -207,7 +211,7 @@ class CncBridgeNode(Node):
         if time.monotonic() >= self._state_due_s:
             self._publish_state()
         camera = self._camera is not None and self._camera.service_is_ready()
-        wanted = self._p.control == "simulated" and self._p.start_program
+        wanted = _is_simulated(self._p) and self._p.start_program
         if wanted and camera and not self._started and self._connection is Connection.CONNECTED:
             self._start_program()
 
@@ -235,7 +239,7 @@ class CncBridgeNode(Node):
         self._set_connection(Connection.DISCONNECTED, f"{error} Trying again.")
 
     def _tell_what_it_may_do(self) -> None:
-        if self._p.control == "simulated":
+        if _is_simulated(self._p):
             return
         self.get_logger().info(
             "allow_commands is true: the bridge may start programs on this control."
@@ -289,6 +293,11 @@ def _noteworthy(judged: Judgement) -> tuple[object, ...]:
     s = judged.sample
     still = not judged.moving_reason
     return s.measure_request, still, s.program_state, s.mode, s.program, bool(judged.refused)
+
+
+def _is_simulated(p: Parameters) -> bool:
+    """Whether nothing real can move: the control's drives are simulated by us."""
+    return p.control == "simulated" or bool(p.linuxcnc_cell)
 
 
 def _ns(seconds: float) -> int:

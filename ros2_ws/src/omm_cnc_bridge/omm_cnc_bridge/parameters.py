@@ -75,6 +75,46 @@ class Parameters:
         True, "Simulated control: start its program as soon as the camera's service is there."
     )
 
+    linuxcnc_reader: tuple[str, ...] = parameter(
+        (),
+        "LinuxCNC on another machine: command that starts linuxcnc_reader.py there, for instance "
+        "[ssh, control, python3, -I, -u, linuxcnc_reader.py]. Empty reads the one on this machine.",
+    )
+    linuxcnc_joints: tuple[str, ...] = parameter(
+        (), "LinuxCNC: axis that each joint is; empty takes the letters of its configuration."
+    )
+    linuxcnc_poll: bool = parameter(
+        False, "LinuxCNC: poll its status although its HAL has a sampler."
+    )
+    linuxcnc_cell: str = parameter(
+        "",
+        "LinuxCNC: start this configuration with simulated drives, and let it run the scenario's "
+        "measuring program (for trying; see docs/cnc_controls.md). Empty connects to one that runs.",
+        choices=("", "three_axis_mill"),
+    )
+    program_file: str = parameter(
+        "", "Program that ~/start_program starts where allow_commands is set."
+    )
+
+    opcua_url: str = parameter("opc.tcp://127.0.0.1:4840", "OPC UA: address of the server.")
+    opcua_mapping_file: str = parameter(
+        "", "OPC UA: file that says where the control keeps what; empty takes OPC 40502's names."
+    )
+    opcua_user: str = parameter("", "OPC UA: user; empty logs in as nobody.")
+    opcua_password_file: str = parameter("", "OPC UA: file that holds the user's password.")
+    opcua_certificate_file: str = parameter(
+        "", "OPC UA: our certificate (DER or PEM); with it, messages are signed and encrypted."
+    )
+    opcua_private_key_file: str = parameter("", "OPC UA: the certificate's private key (PEM).")
+    opcua_server_certificate_file: str = parameter(
+        "", "OPC UA: the server's certificate; empty takes the one that it offers."
+    )
+
+    mtconnect_url: str = parameter("http://127.0.0.1:5000", "MTConnect: address of the agent.")
+    mtconnect_device: str = parameter(
+        "", "MTConnect: name of the device; may be left out where the agent has one."
+    )
+
     scenario: str = parameter("bench", "Simulated control: scenario, or a scenario file.")
     seed: int = parameter(1, "Simulated control: which cell is drawn from the scenario.")
     clamping_seed: int = parameter(

@@ -1,0 +1,133 @@
+"""A measuring program in G-code, with the handshake that the bridge answers.
+
+For each stop: go there, wait, ask for image n (``M68 E0 Qn`` and ``M64 P0``), wait for the answer
+(``M66 P0 L3``), withdraw the request, wait until the answer is withdrawn too. An image that does
+not come stops the program with a message instead of leaving a hole in the measurement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omm_core.calibration import CameraCalibration
+from omm_core.errors import InputError
+from omm_core.geometry import RigidTransform
+from omm_core.part import Part
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProgramOptions:
+    """How the targets are photographed."""
+
+    distance_mm: float = 300.0
+    """From the camera to the target, along the spindle's axis."""
+    stereo_base_mm: float = 120.0
+    """Between the two images of a target, along the spindle's x."""
+    offset_mm: tuple[float, float] = (15.0, 35.0)
+    """Where the targets lie off the spindle's axis on average, in the spindle's x and y."""
+    retract_mm: float = 100.0
+    """How far the camera backs off along the spindle's axis between targets."""
+    dwell_s: float = 0.3
+    feed_mm_per_min: float = 10000.0
+    answer_timeout_s: float = 20.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stop:
+    """Where the spindle stops for an image of a target."""
+
+    target_id: int
+    spindle_in_machine_mm: NDArray[np.float64]
+
+
+def stops_for(
+    part: Part,
+    calibration: CameraCalibration,
+    machine_T_part: RigidTransform,
+    machine_R_spindle: NDArray[np.float64],
+    options: ProgramOptions,
+) -> tuple[Stop, ...]:
+    """Two stops for each target, one stereo base apart.
+
+    Parameters
+    ----------
+    machine_T_part : RigidTransform
+        Roughly where the part lies.
+    machine_R_spindle : (3, 3) array
+        How the spindle is turned at the stops.
+    """
+    depth_mm = float(calibration.taper_T_camera.translation_mm[2])
+    stops = []
+    for target in part.targets:
+        for side in (-0.5, 0.5):
+            target_in_spindle = np.array(
+                [
+                    options.offset_mm[0] - side * options.stereo_base_mm,
+                    options.offset_mm[1],
+                    depth_mm - options.distance_mm,
+                ]
+            )
+            position = machine_T_part @ target.xyz_mm - machine_R_spindle @ target_in_spindle
+            stops.append(Stop(target_id=target.id, spindle_in_machine_mm=position))
+    return tuple(stops)
+
+
+def measuring_program(
+    stops: Sequence[Stop],
+    machine_R_spindle: NDArray[np.float64],
+    options: ProgramOptions,
+    *,
+    rotary_deg: Sequence[tuple[str, float]] = (),
+    title: str = "measure",
+) -> str:
+    """The program for LinuxCNC, in machine coordinates (G53), mm.
+
+    Raises
+    ------
+    InputError
+        Where there is no stop.
+    """
+    if not stops:
+        raise InputError("Expected stops for a measuring program, got none. Has the part targets?")
+    away = options.retract_mm * machine_R_spindle[:, 2]
+    lines = [f"({title}: {len(stops)} images)", "G21 G90 G94 G49 G40 G17", "G64 P0.001"]
+    if rotary_deg:
+        turned = " ".join(f"{name}{angle:.6f}" for name, angle in rotary_deg)
+        lines.append(f"G53 G0 {turned}")
+    lines += ["M65 P0", "M66 P0 L4 Q5 (no old answer)", f"F{options.feed_mm_per_min:.0f}"]
+    before: Stop | None = None
+    for number, stop in enumerate(stops, start=1):
+        if before is None or before.target_id != stop.target_id:
+            if before is not None:
+                lines.append(_move(before.spindle_in_machine_mm + away))
+            lines.append(_move(stop.spindle_in_machine_mm + away))
+        lines.append(_move(stop.spindle_in_machine_mm))
+        lines += _ask(number, stop.target_id, options)
+        before = stop
+    lines += ["M2", "%"]
+    return "%\n" + "\n".join(lines) + "\n"
+
+
+def _move(position_mm: NDArray[np.float64]) -> str:
+    x, y, z = position_mm
+    return f"G53 G1 X{x:.4f} Y{y:.4f} Z{z:.4f}"
+
+
+def _ask(number: int, target_id: int, options: ProgramOptions) -> list[str]:
+    return [
+        f"G4 P{options.dwell_s:g}",
+        f"(image {number}: target {target_id})",
+        f"M68 E0 Q{number}",
+        "M64 P0",
+        f"M66 P0 L3 Q{options.answer_timeout_s:g}",
+        "M65 P0",
+        f"O{100 + number} IF [#5399 LT 0]",
+        f"(MSG,no image {number}: see /cnc/state for the reason)",
+        "M2",
+        f"O{100 + number} ENDIF",
+        "M66 P0 L4 Q5",
+    ]
