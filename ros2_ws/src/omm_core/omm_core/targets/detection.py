@@ -2,7 +2,7 @@
 
     detection = detect_targets(image, TargetFamily.by_name("metashape12"))
 
-Candidates (`candidates`) are centred (`centring`), their rings read (`ring`), and those with a code
+Candidates (`candidates`) are centred (`dot_fit`), their rings read (`ring`), and those with a code
 of the family centred once more, now with the light on the ring's bright sectors. What looks like a
 target but is not certain is refused, with the reason.
 """
@@ -201,7 +201,7 @@ class _Reader:
 
     def read(self, candidate: NDArray[np.float64]) -> DetectedTarget | RefusedTarget | None:
         """A target, a refusal, or None where nothing speaks for a target."""
-        from omm_core.targets import centring as c
+        from omm_core.targets import dot_fit as c
         from omm_core.targets import ring
 
         sign = float(candidate[7])
@@ -233,7 +233,7 @@ class _Reader:
         sectors: NDArray[np.int64],
         angle: float,
     ) -> int:
-        from omm_core.targets.centring import fit_dot
+        from omm_core.targets.dot_fit import fit_dot
 
         saturation = self._saturation if sign > 0 else -0.5
         family = self._family
@@ -245,7 +245,7 @@ class _Reader:
         )  # fmt: skip
 
     def _judge(self, number: int, sign: float) -> DetectedTarget | RefusedTarget:
-        from omm_core.targets import centring as c
+        from omm_core.targets import dot_fit as c
 
         dot = self._dot
         contrast = float(dot[c.HIGH] - dot[c.LOW])
@@ -285,7 +285,7 @@ class _Reader:
 
 
 def _pixels_per_sector(dot: NDArray[np.float64]) -> float:
-    from omm_core.targets.centring import SECTORS, SIGMA
+    from omm_core.targets.dot_fit import SECTORS, SIGMA
 
     circumference = 2.0 * np.pi / np.sqrt(dot[2] * dot[4])
     return float(max(1.0, circumference * 4.0 * dot[SIGMA] / SECTORS))
