@@ -82,7 +82,9 @@ def stepped(problem, at, step):
 
 
 @both
-@pytest.mark.parametrize("parameter", range(7), ids=["ω_x", "ω_y", "ω_z", "d_x", "d_y", "d_z", "γ_s"])
+@pytest.mark.parametrize(
+    "parameter", range(7), ids=["ω_x", "ω_y", "ω_z", "d_x", "d_y", "d_z", "γ_s"]
+)
 @pytest.mark.parametrize(("circles", "largest"), [(False, 1e-7), (True, 3e-4)])
 def test_analytic_derivative_is_the_numeric_one(lens, parameter, circles, largest):
     """Exact for points; for circles to what test_circle_centre.py found."""

@@ -22,6 +22,7 @@ class Fit:
 
     problem: Problem
     missing: tuple[str, ...] = ()
+    unseen: bool = False  # no pose from which the camera could have seen what it saw
     poor: tuple[str, ...] = ()
     best: Adjustment | None = None
     propagation: Propagation | None = None
@@ -57,7 +58,7 @@ def fit(problem: Problem, options: SolveOptions, near: Adjustment | None = None)
             "all: no pose of the part was found from which the camera could have seen what it saw:"
             " check the part file, the calibration and the spindle poses."
         )
-        return Fit(problem=problem, missing=(words,))
+        return Fit(problem=problem, missing=(words,), unseen=True)
     best = minima[0]
     try:
         propagation = propagate(problem, best, options)

@@ -68,6 +68,15 @@ def all_wrong(problem: Problem, rms_px: float) -> str:
     )
 
 
+def cannot_tell(sigma0: float) -> str:
+    """Return words for a contradiction among too few observations."""
+    return (
+        f"all: the images contradict each other ({sigma0:.0f} times what their uncertainties"
+        " explain), and there are too few to tell which is wrong: take another image of each"
+        " target."
+    )
+
+
 MIRRORED = (
     "all: the images are mirrored left to right (mirrored they fit): switch off the camera's"
     " ReverseX or mirror setting."

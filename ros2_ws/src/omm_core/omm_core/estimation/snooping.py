@@ -3,7 +3,7 @@
 What can be wrong is a single centre (a reflection, an identifier misread), all that one image
 shows (its spindle pose belongs to another image) and all that is seen of one target (it was
 bumped). Each hypothesis is tried by solving without it. The smallest one that explains the
-residuals wins: the cost that is left, plus what chance would take away with as many coordinates.
+residuals wins: each observation left out must lower the cost by more than chance would.
 Where two that exclude each other explain them as well, nobody can tell, and nothing is published.
 """
 
@@ -61,7 +61,8 @@ def search(problem: Problem, options: SolveOptions) -> Search:
     """Return the fit without the observations that are demonstrably wrong."""
     first = fit(problem, options)
     dropped = np.zeros(len(problem), dtype=bool)
-    if first.propagation is None or first.passed or not options.find_errors:
+    solvable = first.propagation is not None or first.unseen
+    if not solvable or first.passed or not options.find_errors:
         return Search(fit=first, dropped=dropped, reasons={}, findings=())
     current, reasons, findings = first, {}, []
     while not current.passed:
@@ -93,7 +94,7 @@ def _most_likely(
     problem: Problem, dropped: NDArray[np.bool_], current: Fit, options: SolveOptions
 ) -> tuple[Hypothesis, Fit, Hypothesis | None] | None:
     """Return the best hypothesis, the fit without it, and a rival that nobody can tell from it."""
-    scored: list[tuple[float, Hypothesis, Fit]] = []
+    explaining: list[tuple[Hypothesis, Fit]] = []
     for hypothesis in _hypotheses(problem, dropped, current):
         left_out = dropped | hypothesis.members
         if left_out.sum() > max(1, int(len(problem) * _MOST_LEFT_OUT)):
@@ -103,12 +104,21 @@ def _most_likely(
             continue
         if without.statistics.degrees_of_freedom < 1:
             continue
-        chance = chi2_limit(2 * int(hypothesis.members.sum()), options.significance)
-        if _explains(current, without, options):
-            scored.append((without.cost + chance, hypothesis, without))
-    if not scored:
+        explains = without.passed if current.unseen else _explains(current, without, options)
+        if explains:
+            explaining.append((hypothesis, without))
+    if not explaining:
         return None
-    scored.sort(key=lambda item: item[0])
+    # While another error is still in, chance is as much larger as the residuals are.
+    variance = max(1.0, min(_variance(without) for _, without in explaining))
+    chance = variance * chi2_limit(2, options.significance)
+    scored = sorted(
+        (
+            (without.cost + chance * int(hypothesis.members.sum()), hypothesis, without)
+            for hypothesis, without in explaining
+        ),
+        key=lambda item: item[0],
+    )
     score, best, without = scored[0]
     rivals = (
         other
@@ -132,6 +142,10 @@ def _without(
     return min(near, fit(smaller, options), key=lambda f: f.cost if f.determined else np.inf)
 
 
+def _variance(found: Fit) -> float:
+    return found.statistics.sigma0**2 if found.statistics is not None else np.inf
+
+
 def _explains(current: Fit, without: Fit, options: SolveOptions) -> bool:
     """Tell whether what is left out stands out from what is left (F test).
 
@@ -151,9 +165,9 @@ def _explains(current: Fit, without: Fit, options: SolveOptions) -> bool:
 
 def _hypotheses(problem: Problem, dropped: NDArray[np.bool_], current: Fit) -> list[Hypothesis]:
     """Return the most suspicious hypotheses of each kind, each set of observations once."""
-    assert current.propagation is not None
     suspicion = np.zeros(len(problem))
-    suspicion[~dropped] = np.sum(current.propagation.residuals**2, axis=1)
+    if current.propagation is not None:
+        suspicion[~dropped] = np.sum(current.propagation.residuals**2, axis=1)
     kinds: list[tuple[Kind, NDArray[np.int64]]] = [
         ("observation", np.arange(len(problem))),
         ("image", problem.image_of),

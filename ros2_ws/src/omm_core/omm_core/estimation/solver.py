@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from omm_core.calibration import CameraCalibration
 from omm_core.estimation.adjustment import adjust, predictions
 from omm_core.estimation.fit import Fit
-from omm_core.estimation.naming import MIRRORED, all_wrong
+from omm_core.estimation.naming import MIRRORED, all_wrong, cannot_tell
 from omm_core.estimation.problem import Observation, Problem, SolveOptions, build_problem
 from omm_core.estimation.snooping import Search, search
 from omm_core.estimation.statistics import Statistics
@@ -20,6 +20,8 @@ from omm_core.part import Part
 Array = NDArray[np.float64]
 
 _CONTRADICTION_PX = 2.0  # residuals that no underestimated noise explains
+_CONTRADICTION_SIGMA0 = 30.0
+_ENOUGH_TO_JUDGE = 3  # degrees of freedom from which σ0 tells more than that something is wrong
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -108,17 +110,22 @@ def solve(
     options = options or SolveOptions()
     problem = build_problem(observations, part, calibration, options.circle_centre)
     found = search(problem, options)
-    if found.fit.propagation is not None and not found.fit.passed:
-        found = _judge_contradiction(problem, found, options)
+    found = _judge_contradiction(problem, found, options)
     return _solution(problem, found, options)
 
 
 def _judge_contradiction(problem: Problem, found: Search, options: SolveOptions) -> Search:
     """Refuse residuals that no noise explains; smaller ones enlarge the covariance."""
-    assert found.fit.propagation is not None
-    rms_px = _rms(found.fit.propagation.raw_residuals_px)
-    if rms_px < _CONTRADICTION_PX or not options.find_errors:
+    propagation, statistics = found.fit.propagation, found.fit.statistics
+    if propagation is None or statistics is None or statistics.passed or not options.find_errors:
         return found
+    rms_px = _rms(propagation.raw_residuals_px)
+    noise = rms_px < _CONTRADICTION_PX and statistics.sigma0 < _CONTRADICTION_SIGMA0
+    if noise and statistics.degrees_of_freedom >= _ENOUGH_TO_JUDGE:
+        return found
+    if statistics.degrees_of_freedom < _ENOUGH_TO_JUDGE:
+        words = cannot_tell(statistics.sigma0)
+        return replace(found, fit=replace(found.fit, missing=(*found.fit.missing, words)))
     words = MIRRORED if _fits_mirrored(problem, options, rms_px) else all_wrong(problem, rms_px)
     return replace(found, fit=replace(found.fit, missing=(*found.fit.missing, words)))
 
