@@ -44,6 +44,11 @@ class Profile:
         return float(self.knots_s[-1])
 
     @cached_property
+    def jerk_steps_per_s3(self) -> Floats:
+        """By how much the jerk changes at each knot, shape (8,)."""
+        return np.diff(self.jerk_per_s3, prepend=0.0, append=0.0)
+
+    @cached_property
     def _at_knots(self) -> Floats:
         """Position, velocity and acceleration at each knot, shape (8, 3)."""
         states = [np.zeros(3)]
@@ -150,7 +155,7 @@ class Follower:
         if time_s >= profile.duration_s + self.settled_s:
             return 1.0
         taylor, residues = self._expansion
-        begun = profile.knots_s <= time_s
-        steps = np.diff(profile.jerk_per_s3, prepend=0.0, append=0.0)[begun]
-        decayed = np.exp(np.outer(self._poles, time_s - profile.knots_s[begun])) @ steps
+        begun = slice(int(np.searchsorted(profile.knots_s, time_s, side="right")))
+        steps = profile.jerk_steps_per_s3[begun]
+        decayed = np.exp(self._poles[:, None] * (time_s - profile.knots_s[begun])) @ steps
         return float(taylor @ profile.at(time_s) + (residues @ decayed).real)
