@@ -1,87 +1,69 @@
-"""Find, identify and centre the ring-coded targets of an image.
+"""Detection of ring-coded targets in an image: search, outline, ring, centre, judgement.
 
-    detection = detect_targets(image, TargetFamily.by_name("metashape12"))
-
-Candidates (`candidates`) are centred (`dot_fit`), their rings read (`ring`), and those with a code
-of the family centred once more, now with the light on the ring's bright sectors. What looks like a
-target but is not certain is refused, with the reason.
+`detect_targets` is all that other modules need. What looked like a target and was not accepted is
+among `Detection.refused`, with the reason.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.errors import InputError
-from omm_core.targets.families import TargetFamily
+from omm_core.targets import judging
+from omm_core.targets.families import TargetFamily, mirror_code
+from omm_core.targets.search import find_dots
 
-_BINS = (
-    "right",
-    "lower right",
-    "below",
-    "lower left",
-    "left",
-    "upper left",
-    "above",
-    "upper right",
-)
+Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 @dataclass(frozen=True, kw_only=True)
 class DetectionOptions:
-    """What is looked for.
+    """What to look for and what to accept.
 
     Attributes
     ----------
-    polarity : "bright", "dark" or "both"
-        Dots brighter than their surroundings (retroreflective film), darker (print), or both.
-    smallest_dot_px, largest_dot_px : float
-        Limits of the dot's major axis.
-    contrast_dn : float
-        Least contrast of a dot, in grey values of 8 bit (scaled for deeper images).
-    largest_disturbance : float
-        Refused above this deviation of a part of the dot's edge, in units of the contrast.
+    polarity : ``bright`` dots on dark, ``dark`` on bright, or ``both``.
+    min_contrast_dn : smallest difference of dot and background, in grey values of 8 bit (16-bit
+        images: in 1/256 of the image's brightest value).
+    max_diameter_px : largest diameter of a dot.
+    max_candidates : places looked at in one image, at most.
+    centring : ``fit`` (the most accurate) or ``outline`` (the ellipse through the half levels:
+        faster, a fifth to a half less accurate).
+    saturation_dn : grey value from which on a pixel is saturated; None finds it in the image.
+    expected_ids : numbers that the part carries. With them a mirrored image is noticed.
     """
 
     polarity: str = "both"
-    smallest_dot_px: float = 7.0
-    largest_dot_px: float = 160.0
-    contrast_dn: float = 14.0
-    largest_disturbance: float = 0.06
-
-    def __post_init__(self) -> None:
-        if self.polarity not in ("bright", "dark", "both"):
-            raise InputError(
-                f"Expected the polarity 'bright', 'dark' or 'both', got {self.polarity!r}."
-            )
-        if not 4.0 <= self.smallest_dot_px < self.largest_dot_px:
-            raise InputError(
-                "Expected 4 <= smallest_dot_px < largest_dot_px, got "
-                f"{self.smallest_dot_px} and {self.largest_dot_px}."
-            )
+    min_contrast_dn: float = 20.0
+    max_diameter_px: float = 400.0
+    max_candidates: int = 2000
+    centring: str = "fit"
+    saturation_dn: float | None = None
+    expected_ids: frozenset[int] | None = None
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True)
 class DetectedTarget:
-    """A target that was found and identified.
+    """A target with its number.
 
     Attributes
     ----------
-    id : int
-        Number in the family.
-    center_px : (2,) array
-        (col, row) of the centre of the dot's image (an ellipse); (0, 0) is the centre of the
+    center_px : (2,) col, row of the centre of the dot's image; (0, 0) is the centre of the
         top-left pixel.
-    covariance_px2 : (2, 2) array
-    diameter_px : float
-        Geometric mean of the ellipse's axes.
-    axes_px : (major, minor) lengths
-    angle_rad : of the major axis, clockwise from the image's columns
-    polarity : "bright" or "dark"
-    contrast_dn, blur_px : of the dot's edge
-    misfit : mean squared residual over the noise; 1 where the dot is as it should be
+    covariance_px2 : (2, 2) of (col, row).
+    diameter_px : mean diameter (of the circle with the ellipse's area).
+    axes_px : larger and smaller diameter of the ellipse.
+    angle_rad : direction of the larger axis, from col towards row.
+    phase_rad : where the first bit's sector begins, clockwise in the dot's own plane.
+    bright : True for a bright dot on dark.
+    contrast_dn : difference of the grey values of dot and background.
+    blur_px : standard deviation of the edge, the pixel's own size included.
+    ring_margin : distance of the most doubtful sector from the threshold; 0.5 is perfect.
     """
 
     id: int
@@ -90,210 +72,200 @@ class DetectedTarget:
     diameter_px: float
     axes_px: tuple[float, float]
     angle_rad: float
-    polarity: str
+    phase_rad: float
+    bright: bool
     contrast_dn: float
     blur_px: float
-    misfit: float
+    ring_margin: float
 
 
 @dataclass(frozen=True, kw_only=True)
 class RefusedTarget:
-    """Something that looks like a target and is not certain."""
+    """Something that looked like a target and was not accepted."""
 
-    center_px: tuple[float, float]
+    center_px: NDArray[np.float64]
     diameter_px: float
     reason: str
 
 
 @dataclass(frozen=True, kw_only=True)
 class Detection:
-    """What was found in one image; targets by number, then by place."""
+    """What was found in one image, in order of number; and what was refused."""
 
-    targets: tuple[DetectedTarget, ...]
-    refused: tuple[RefusedTarget, ...]
+    targets: tuple[DetectedTarget, ...] = field(default=())
+    refused: tuple[RefusedTarget, ...] = field(default=())
 
 
 def detect_targets(
-    image: NDArray[np.generic],
-    family: TargetFamily,
-    options: DetectionOptions | None = None,
+    image: Image, family: TargetFamily, options: DetectionOptions | None = None
 ) -> Detection:
-    """Find all targets of a family in an image.
+    """Find, identify and centre all targets of a family.
 
     Parameters
     ----------
-    image : (height, width) uint8 or uint16
-    family : the family that is on the part; another one's codes would be read as wrong numbers
+    image : (H, W) uint8 or uint16.
 
     Raises
     ------
     InputError
-        The image is none of one channel and 8 or 16 bit.
+        If the image is of another kind, or an option does not exist.
     """
-    from omm_core.targets.candidates import find_candidates
-
     options = options or DetectionOptions()
-    image = _checked(image)
-    full = 255.0 if image.dtype == np.uint8 else float(max(255, int(image.max())))
-    scale = full / 255.0
-    candidates = find_candidates(
-        image,
-        threshold=max(options.contrast_dn * scale, 5.0 * noise_level(image)),
-        smallest_px=options.smallest_dot_px,
-        largest_px=options.largest_dot_px,
-        bright=options.polarity != "dark",
-        dark=options.polarity != "bright",
-    )
-    targets: list[DetectedTarget] = []
-    refused: list[RefusedTarget] = []
-    reader = _Reader(image, family, options, full)
-    for candidate in candidates:
-        found = reader.read(candidate)
-        if isinstance(found, DetectedTarget):
-            targets.append(found)
-        elif found is not None:
-            refused.append(found)
-    return Detection(
-        targets=tuple(sorted(targets, key=lambda t: (t.id, *t.center_px))),
-        refused=tuple(sorted(refused, key=lambda t: t.center_px)),
-    )
+    _check(image, options)
+    found = _search(image, family, options)
+    readings, refused = [], []
+    for candidate in found:
+        outcome = judging.read_target(image, family, candidate)
+        if isinstance(outcome, judging.Reading):
+            readings.append(outcome)
+        elif outcome is not None:
+            refused.append(RefusedTarget(**outcome))
+    readings = _without_repeats(readings)
+    if options.centring == "fit" and readings:
+        saturation = _saturation(image, options, readings)
+        outcomes = judging.centre_all(image, family, readings, saturation)
+    else:
+        outcomes = [judging.centre_of_outline(r) for r in readings]
+    targets = []
+    for outcome in outcomes:
+        if "reason" in outcome:
+            refused.append(RefusedTarget(**outcome))
+        else:
+            targets.append(DetectedTarget(**outcome))
+    targets, more = _refuse_doubles(targets)
+    mirrored = _refuse_mirrored(targets, family, options)
+    refused = [r for r in refused if not _inside_any(r, targets)]
+    if mirrored:
+        return Detection(refused=(*refused, *more, *mirrored))
+    targets.sort(key=lambda t: t.id)
+    return Detection(targets=tuple(targets), refused=(*refused, *more))
 
 
-def noise_level(image: NDArray[np.generic]) -> float:
-    """Standard deviation of the image's noise, in grey values, from every 16th row.
-
-    From second differences along the row, whose median does not mind edges.
-    """
-    rows = image[8::16, ::4].astype(np.float32)
-    if rows.shape[1] < 3 or rows.size == 0:
-        return 0.0
-    second = np.abs(rows[:, :-2] - 2.0 * rows[:, 1:-1] + rows[:, 2:])
-    return float(np.median(second)) / (0.6745 * np.sqrt(6.0))
-
-
-def _checked(image: NDArray[np.generic]) -> NDArray[np.generic]:
-    if image.ndim != 2 or image.dtype not in (np.uint8, np.uint16):
+def _check(image: Image, options: DetectionOptions) -> None:
+    if not isinstance(image, np.ndarray) or image.ndim != 2 or image.dtype not in (np.uint8, np.uint16):
+        shape = getattr(image, "shape", None)
         raise InputError(
-            f"Expected an image (height, width) of uint8 or uint16, got {image.shape} of "
-            f"{image.dtype}: convert it to one channel."
+            f"Expected a grey image (H, W) of uint8 or uint16, got {type(image).__name__} "
+            f"{shape} {getattr(image, 'dtype', '')}: convert colour images to grey first."
         )
-    return np.ascontiguousarray(image)
+    if options.polarity not in ("both", "bright", "dark"):
+        raise InputError(
+            f"Expected the polarity 'both', 'bright' or 'dark', got {options.polarity!r}."
+        )
+    if options.centring not in ("fit", "outline"):
+        raise InputError(f"Expected the centring 'fit' or 'outline', got {options.centring!r}.")
 
 
-class _Reader:
-    """Turns candidates of one image into targets."""
+def _search(
+    image: Image, family: TargetFamily, options: DetectionOptions
+) -> NDArray[np.float64]:
+    """Candidates at full size: (N, 6) col, row, conic's xx, xy, yy, polarity."""
+    height, width = image.shape
+    if min(height, width) < 24:
+        return np.empty((0, 6))
+    half = cv2.resize(image, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+    unit = 1.0 if image.dtype == np.uint8 else max(float(half.max()) / 255.0, 1.0)
+    found = np.empty((options.max_candidates, 6))
+    count = find_dots(
+        half,
+        max(int(0.4 * options.min_contrast_dn * unit), 3),
+        max(int(0.6 * options.min_contrast_dn * unit), 4),
+        int(0.5 * options.max_diameter_px),
+        0.5 * (1.0 + family.ring_inner_ratio),
+        family.read_ratio,
+        found,
+    )
+    found = found[:count]
+    if options.polarity != "both":
+        found = found[found[:, 5] == (1 if options.polarity == "bright" else -1)]
+    scale_x, scale_y = width / half.shape[1], height / half.shape[0]
+    full = found.copy()
+    full[:, 0] = (found[:, 0] + 0.5) * scale_x - 0.5
+    full[:, 1] = (found[:, 1] + 0.5) * scale_y - 0.5
+    full[:, 2:5] /= 4.0
+    return full
 
-    def __init__(
-        self,
-        image: NDArray[np.generic],
-        family: TargetFamily,
-        options: DetectionOptions,
-        full: float,
-    ) -> None:
-        self._image = image
-        self._family = family
-        self._options = options
-        self._saturation = full - 0.5
-        self._dot = np.zeros(17)
-        self._unknown = np.full(family.bits, -1, dtype=np.int64)
-        self._sectors = np.zeros(family.bits, dtype=np.int64)
-        self._figures = np.zeros(4)
 
-    def read(self, candidate: NDArray[np.float64]) -> DetectedTarget | RefusedTarget | None:
-        """A target, a refusal, or None where nothing speaks for a target."""
-        from omm_core.targets import dot_fit as c
-        from omm_core.targets import ring
+def _saturation(
+    image: Image, options: DetectionOptions, readings: list[judging.Reading]
+) -> float:
+    """Grey value from which on pixels are saturated."""
+    if options.saturation_dn is not None:
+        return options.saturation_dn
+    if image.dtype == np.uint8:
+        return 255.0
+    # Sensors of 10 to 14 bit fill 16 differently: a value that stands for many pixels of a dot
+    # and is the largest there is where they saturate.
+    highest = 0.0
+    often = False
+    for reading in readings:
+        col, row, r = int(reading.outline[0]), int(reading.outline[1]), int(reading.radius_px)
+        dot = image[max(row - r, 0) : row + r + 1, max(col - r, 0) : col + r + 1]
+        top = float(dot.max())
+        if top > highest:
+            highest = top
+            often = int((dot == top).sum()) > max(8, dot.size // 20)
+    return highest if often else 65535.0
 
-        sign = float(candidate[7])
-        if self._fit(candidate[:7], sign, 0.9, self._unknown, 0.0) != c.OK:
-            return None
-        dot, family = self._dot, self._family
-        status = ring.read_ring(
-            self._image, *dot[:5], sign, dot[c.HIGH], dot[c.LOW], dot[c.SIGMA],
-            family.ring_inner_ratio, family.ring_outer_ratio, family.bits, self._sectors,
-            self._figures,
-        )  # fmt: skip
-        if status in (ring.UNEVEN, ring.NOT_CLEAR):
-            return None
-        if status != ring.READ:
-            return self._refuse(_RING_REASONS[status])
-        number = family.id_of(int("".join(map(str, self._sectors)), 2))
-        if number is None:
-            return self._refuse(f"its ring carries no code of {family.name}")
-        start = dot[[c.COL, c.ROW, c.L11, c.L12, c.L22, c.HIGH, c.LOW]]
-        if self._fit(start, sign, dot[c.SIGMA], self._sectors, self._figures[0]) != c.OK:
-            return self._refuse("its dot could not be centred")
-        return self._judge(number, sign)
 
-    def _fit(
-        self,
-        start: NDArray[np.float64],
-        sign: float,
-        blur_px: float,
-        sectors: NDArray[np.int64],
-        angle: float,
-    ) -> int:
-        from omm_core.targets.dot_fit import fit_dot
-
-        saturation = self._saturation if sign > 0 else -0.5
-        family = self._family
-        return int(
-            fit_dot(
-                self._image, np.ascontiguousarray(start), sign, blur_px, saturation,
-                family.ring_inner_ratio, family.ring_outer_ratio, sectors, angle, self._dot,
+def _without_repeats(readings: list[judging.Reading]) -> list[judging.Reading]:
+    """One reading per place: candidates of one dot lead to the same outline."""
+    kept: list[judging.Reading] = []
+    for reading in readings:
+        for other in kept:
+            distance = math.hypot(
+                reading.outline[0] - other.outline[0], reading.outline[1] - other.outline[1]
             )
-        )  # fmt: skip
-
-    def _judge(self, number: int, sign: float) -> DetectedTarget | RefusedTarget:
-        from omm_core.targets import dot_fit as c
-
-        dot = self._dot
-        contrast = float(dot[c.HIGH] - dot[c.LOW])
-        limit = self._options.largest_disturbance
-        noise_of_mean = 4.0 * np.sqrt(dot[c.NOISE_HIGH] / _pixels_per_sector(dot)) / contrast
-        if abs(dot[c.WORST_VALUE]) > limit + noise_of_mean:
-            side = _BINS[round(dot[c.WORST_SECTOR] / c.SECTORS * len(_BINS)) % len(_BINS)]
-            what = "brighter" if dot[c.WORST_VALUE] * sign > 0 else "darker"
-            return self._refuse(
-                f"number {number}: the edge of its dot is {what} than it should be ({side}): a "
-                "reflection, a chip or dirt"
-            )
-        covariance = np.array([[dot[c.VAR_COL], dot[c.COVAR]], [dot[c.COVAR], dot[c.VAR_ROW]]])
-        L = np.array([[dot[c.L11], dot[c.L12]], [0.0, dot[c.L22]]])
-        _, inverse_axes, directions = np.linalg.svd(L)
-        major, minor = 2.0 / inverse_axes[1], 2.0 / inverse_axes[0]
-        return DetectedTarget(
-            id=number,
-            center_px=dot[[c.COL, c.ROW]].copy(),
-            covariance_px2=covariance,
-            diameter_px=float(np.sqrt(major * minor)),
-            axes_px=(float(major), float(minor)),
-            angle_rad=float(np.arctan2(directions[1, 1], directions[1, 0])),
-            polarity="bright" if sign > 0 else "dark",
-            contrast_dn=contrast,
-            blur_px=float(dot[c.SIGMA]),
-            misfit=float(dot[c.MISFIT]),
-        )
-
-    def _refuse(self, reason: str) -> RefusedTarget:
-        dot = self._dot
-        return RefusedTarget(
-            center_px=(float(dot[0]), float(dot[1])),
-            diameter_px=float(2.0 / np.sqrt(dot[2] * dot[4])),
-            reason=reason,
-        )
+            if distance < 0.5 * other.radius_px:
+                break
+        else:
+            kept.append(reading)
+    return kept
 
 
-def _pixels_per_sector(dot: NDArray[np.float64]) -> float:
-    from omm_core.targets.dot_fit import SECTORS, SIGMA
+def _inside_any(refused: RefusedTarget, targets: list[DetectedTarget]) -> bool:
+    return any(
+        math.dist(refused.center_px, target.center_px) < 0.5 * target.diameter_px
+        for target in targets
+    )
 
-    circumference = 2.0 * np.pi / np.sqrt(dot[2] * dot[4])
-    return float(max(1.0, circumference * 4.0 * dot[SIGMA] / SECTORS))
+
+def _refuse_doubles(
+    targets: list[DetectedTarget],
+) -> tuple[list[DetectedTarget], list[RefusedTarget]]:
+    """A number that is read twice is read once wrongly, or is a reflection: refuse both."""
+    ids = [target.id for target in targets]
+    kept = [target for target in targets if ids.count(target.id) == 1]
+    refused = [
+        _refuse(target, f"number {target.id} is seen {ids.count(target.id)} times in this image: "
+                "remove the copy or the reflection")  # fmt: skip
+        for target in targets
+        if ids.count(target.id) > 1
+    ]
+    return kept, refused
 
 
-# By the status of `ring.read_ring`.
-_RING_REASONS = {
-    3: "its ring looks like no code: covered in part, or no target",
-    4: "its ring could be read in two ways: too small, too blurred or too noisy",
-    5: "its ring leaves the image",
-}
+def _refuse_mirrored(
+    targets: list[DetectedTarget], family: TargetFamily, options: DetectionOptions
+) -> list[RefusedTarget]:
+    """Refuse all where more expected numbers are read from the image turned over than as it is."""
+    if options.expected_ids is None:
+        return []
+    direct = sum(target.id in options.expected_ids for target in targets)
+    mirrored = sum(
+        family.id_of(mirror_code(family.code_of(target.id), family.bits)) in options.expected_ids
+        for target in targets
+    )
+    if mirrored <= direct:
+        return []
+    return [
+        _refuse(target, "the image is mirrored: more of the part's numbers are read when it is "
+                "turned over; switch off the camera's flip")  # fmt: skip
+        for target in targets
+    ]
+
+
+def _refuse(target: DetectedTarget, reason: str) -> RefusedTarget:
+    return RefusedTarget(
+        center_px=target.center_px, diameter_px=target.diameter_px, reason=reason
+    )

@@ -1,0 +1,324 @@
+"""From a candidate to a number that can be trusted, and from a number to a centre.
+
+Each step either hands on or gives a reason that a person understands.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omm_core.targets.centring import PARAMETERS, fit_dot, ring_light
+from omm_core.targets.families import TargetFamily
+from omm_core.targets.reading import (
+    SAMPLES,
+    expected_profile,
+    outline,
+    read_bits,
+    ring_profile,
+    square_root,
+)
+
+Floats = NDArray[np.float64]
+
+MIN_MARGIN = 0.15
+"""A sector nearer to the threshold (of a contrast of 1) is doubtful."""
+MAX_SECTOR_ERROR = 0.28
+"""How far a sector may be off what dot, blur and bits let expect."""
+MAX_PROFILE_RMS = 0.17
+"""The same for the root mean square around the ring."""
+MIN_RADIUS_PX = 2.2
+"""Smaller semi-axis from which on a ring can be read."""
+MAX_MISFIT = 4.0
+"""χ² per degree of freedom from which on something else than noise is on the dot."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reading:
+    """A dot with a ring that was read.
+
+    Attributes
+    ----------
+    outline : (9,) see `reading.outline`.
+    sign : +1 bright dot, -1 dark dot.
+    bits : (n,) 0/1 clockwise from `phase_rad`, as seen; not yet rotated to the code.
+    """
+
+    id: int
+    outline: Floats
+    sign: int
+    bits: NDArray[np.int64]
+    phase_rad: float
+    margin: float
+
+    @property
+    def radius_px(self) -> float:
+        """Radius of the circle with the ellipse's area."""
+        return _radius(self.outline)
+
+
+def _radius(conic: Floats) -> float:
+    return float((conic[2] * conic[4] - conic[3] ** 2) ** -0.25)
+
+
+def _refused(conic: Floats, reason: str) -> dict[str, Any]:
+    return {
+        "center_px": conic[:2].copy(),
+        "diameter_px": 2.0 * _radius(conic),
+        "reason": reason,
+    }
+
+
+def read_target(
+    image: NDArray[Any], family: TargetFamily, candidate: Floats
+) -> Reading | dict[str, Any] | None:
+    """Outline and number of a candidate; a refusal; or None where no target is."""
+    sign = int(candidate[5])
+    shape, ok = outline(image, *candidate[:5], sign)
+    if not ok:
+        return None
+    a11, a12, a22 = square_root(shape[2], shape[3], shape[4])
+    smaller = 0.5 * (a11 + a22 - math.hypot(a11 - a22, 2.0 * a12))
+    larger = 0.5 * (a11 + a22 + math.hypot(a11 - a22, 2.0 * a12))
+    if smaller < MIN_RADIUS_PX or larger > 2.6 * smaller:
+        return None
+    if shape[7] > 0.15 + 0.04 * smaller:
+        return None
+    return _read_ring(image, family, shape, (a11, a12, a22), sign)
+
+
+def _read_ring(
+    image: NDArray[Any],
+    family: TargetFamily,
+    shape: Floats,
+    root: tuple[float, float, float],
+    sign: int,
+) -> Reading | dict[str, Any] | None:
+    inner, outer = family.ring_inner_ratio, family.ring_outer_ratio
+    count = family.bits * SAMPLES
+    middle = family.read_ratio
+    spread = 0.25 * (outer - inner)
+    radii = np.array([middle - spread, middle, middle + spread])
+    s = max(float(shape[8]), 0.4)
+
+    def profile(at: Floats) -> Floats:
+        raw = ring_profile(image, shape[0], shape[1], *root, 0.0, 0.0, at, count)
+        return (raw - shape[6]) / (shape[5] - shape[6])
+
+    ring = profile(radii)
+    if not np.isfinite(ring).all():
+        return _refused(shape, "the ring is cut by the border of the image")
+    values, phase = read_bits(ring, family.bits)
+    full = float(
+        expected_profile(*root, inner, outer, np.ones(family.bits, np.int64), 0.0, s, radii, 16).mean()
+    )
+    values = values / full
+    if values.max() < 0.5:
+        return None
+    bits = (values > 0.5).astype(np.int64)
+    margin = float(np.abs(values - 0.5).min())
+    phase_rad = phase * 2.0 * math.pi / count
+    expected = expected_profile(*root, inner, outer, bits, phase_rad, s, radii, count)
+    error = ring - expected
+    rms = float(np.sqrt(np.mean(error**2)))
+    if rms > 2.0 * MAX_PROFILE_RMS:
+        return None
+    start = round(phase)
+    by_sector = np.roll(error, -start).reshape(family.bits, SAMPLES)
+    if margin < MIN_MARGIN:
+        return _refused(shape, "a sector of the ring is neither set nor clear")
+    if np.abs(by_sector.mean(axis=1)).max() > MAX_SECTOR_ERROR or rms > MAX_PROFILE_RMS:
+        return _refused(shape, "the ring does not look as its own bits let expect: "
+                        "something lies on it, or light falls on it")  # fmt: skip
+    reason = _surroundings(profile, family, root, bits, phase_rad, s, count)
+    if reason:
+        return _refused(shape, reason)
+    code = int("".join(map(str, bits)), 2)
+    target_id = family.id_of(code)
+    if target_id is None:
+        return _refused(shape, f"the ring reads {code:0{family.bits}b}: no code of {family.name}")
+    return Reading(
+        id=target_id, outline=shape, sign=sign, bits=bits, phase_rad=phase_rad, margin=margin
+    )
+
+
+def _surroundings(
+    profile: Any,
+    family: TargetFamily,
+    root: tuple[float, float, float],
+    bits: NDArray[np.int64],
+    phase_rad: float,
+    s: float,
+    count: int,
+) -> str | None:
+    """Is it clear between dot and ring, and does the ring end where it must?"""
+    inner, outer = family.ring_inner_ratio, family.ring_outer_ratio
+    gap = np.array([1.0 + 0.5 * (inner - 1.0)])
+    if np.abs(profile(gap)).max() > 0.45:
+        return "something lies between dot and ring"
+    for radius in (inner - 0.3, outer + 0.35):
+        at = np.array([radius])
+        seen = profile(at)
+        expected = expected_profile(*root, inner, outer, bits, phase_rad, s, at, count)
+        is_set = expected_profile(*root, 0.0, 9.0, bits, phase_rad, 0.3, at, count) > 0.5
+        excess = (seen - expected)[is_set]
+        excess = excess[np.isfinite(excess)]
+        if excess.size and np.mean(excess > 0.4) > 0.35:
+            return f"the ring is not as wide as those of {family.name}"
+    return None
+
+
+def centre_of_outline(reading: Reading) -> dict[str, Any]:
+    """The outline's ellipse as result; its covariance from the scatter of its points."""
+    scatter = max(float(reading.outline[7]), 0.01) ** 2
+    return _result(reading, reading.outline[:5], np.eye(2) * scatter * 2.0 / 40.0, reading.outline[8])
+
+
+def centre_all(
+    image: NDArray[Any], family: TargetFamily, readings: list[Reading], saturation: float
+) -> list[dict[str, Any]]:
+    """Fit all dots: once to learn the noise, once more with it."""
+    read, gain = 4.0, 0.0
+    fits = [_fit(image, family, r, read, gain, saturation, None) for r in readings]
+    read, gain = _noise([fit for fit in fits if fit is not None])
+    outcomes = []
+    for reading, fit in zip(readings, fits, strict=True):
+        again = None if fit is None else _fit(image, family, reading, read, gain, saturation, fit[0])
+        outcomes.append(_judge(reading, again))
+    return outcomes
+
+
+def _fit(
+    image: NDArray[Any],
+    family: TargetFamily,
+    reading: Reading,
+    read: float,
+    gain: float,
+    saturation: float,
+    start: Floats | None,
+) -> tuple[Floats, Floats, Floats] | None:
+    """Parameters, covariance and statistics of `centring.fit_dot`, or None."""
+    shape = reading.outline
+    inner, outer = family.ring_inner_ratio, family.ring_outer_ratio
+    s = max(float(shape[8]), 0.35)
+    prior, mean = _light_prior(image, family, reading, read, gain, saturation, s)
+    if start is None:
+        p = np.zeros(PARAMETERS)
+        p[:5] = shape[:5]
+        p[5] = s
+        p[6], p[9] = shape[5], shape[6]
+        p[[7, 8, 10, 11]] = mean
+    else:
+        p = start.copy()
+    covariance, statistics = np.zeros((2, 2)), np.zeros(6)
+    ok = fit_dot(image, shape, reading.sign, inner, reading.bits, reading.phase_rad, read, gain,
+                 saturation, prior, mean, p, covariance, statistics)  # fmt: skip
+    del outer
+    return (p, covariance, statistics) if ok else None
+
+
+def _light_prior(
+    image: NDArray[Any],
+    family: TargetFamily,
+    reading: Reading,
+    read: float,
+    gain: float,
+    saturation: float,
+    s: float,
+) -> tuple[Floats, Floats]:
+    """Information and mean of the slopes of F and B, from the areas of the ring."""
+    shape = reading.outline
+    normal, right, squares, count = ring_light(
+        image, shape, 0.0, 0.0, family.ring_inner_ratio, family.ring_outer_ratio,
+        reading.bits, reading.phase_rad, s, saturation,
+    )  # fmt: skip
+    r = reading.radius_px
+    contrast = abs(shape[5] - shape[6])
+    # Light bends: over a ring of r px its slope is uncertain by 2e-6 r² per dot radius.
+    bend = 2e-6 * r * r + 5e-4
+    prior, mean = np.zeros((4, 4)), np.zeros(4)
+    for kind, level in ((0, shape[5]), (1, shape[6])):
+        loose = (0.1 * contrast) ** 2
+        block = slice(2 * kind, 2 * kind + 2)
+        prior[block, block] = np.eye(2) / loose
+        if count[kind] < 12 or np.linalg.cond(normal[kind]) > 1e6:
+            continue
+        solution = np.linalg.solve(normal[kind], right[kind])
+        spread = max((squares[kind] - solution @ right[kind]) / (count[kind] - 3.0), 1.0 / 12.0)
+        variance = max(spread, read + gain * max(float(level), 0.0))
+        covariance = np.linalg.inv(normal[kind])[1:, 1:] * variance
+        covariance += np.eye(2) * (bend * max(abs(float(level)), contrast)) ** 2
+        prior[block, block] = np.linalg.inv(covariance)
+        mean[block] = solution[1:]
+    return prior, mean
+
+
+def _noise(fits: list[tuple[Floats, Floats, Floats]]) -> tuple[float, float]:
+    """Variance of a grey value I as read + gain I, from the residuals of all fits."""
+    levels, variances, weights = [], [], []
+    for p, _, statistics in fits:
+        total = statistics[0] + statistics[2]
+        for pixels, squares, level in (
+            (statistics[0], statistics[1], p[6]),
+            (statistics[2], statistics[3], p[9]),
+        ):
+            free = pixels * (1.0 - PARAMETERS / max(total, PARAMETERS + 1.0))
+            if free < 8:
+                continue
+            levels.append(max(float(level), 0.0))
+            variances.append(squares / free)
+            weights.append(free)
+    if not levels:
+        return 4.0, 0.0
+    # Residuals hold what disturbs single dots, too: start from the quieter half.
+    x, v, w = np.array(levels), np.array(variances), np.array(weights)
+    gain = 0.0
+    mean_x, mean_v = np.average(x, weights=w), np.average(v, weights=w)
+    spread = np.average((x - mean_x) ** 2, weights=w)
+    if spread > 1.0:
+        gain = max(float(np.average((x - mean_x) * (v - mean_v), weights=w) / spread), 0.0)
+    read = float(mean_v - gain * mean_x)
+    if read < 1.0 / 12.0:
+        read = 1.0 / 12.0
+        gain = max(float(np.sum(w * x * (v - read)) / max(np.sum(w * x * x), 1e-9)), 0.0)
+    return read, gain
+
+
+def _judge(reading: Reading, fit: tuple[Floats, Floats, Floats] | None) -> dict[str, Any]:
+    shape = reading.outline
+    if fit is None:
+        return _refused(shape, "the dot's edge is not that of one evenly lit dot: "
+                        "its centre cannot be trusted")  # fmt: skip
+    p, covariance, statistics = fit
+    free = max(float(statistics[5]) - PARAMETERS, 1.0)
+    misfit = float(statistics[4]) / free
+    if misfit > MAX_MISFIT:
+        return _refused(shape, "something lies on the dot or shines on it: "
+                        "its centre cannot be trusted")  # fmt: skip
+    if misfit > 1.0 + 3.0 * math.sqrt(2.0 / free):
+        covariance = covariance * misfit
+    return _result(reading, p[:5], covariance, p[5], abs(p[6] - p[9]))
+
+
+def _result(
+    reading: Reading, conic: Floats, covariance: Floats, s: float, contrast: float | None = None
+) -> dict[str, Any]:
+    a11, a12, a22 = square_root(conic[2], conic[3], conic[4])
+    mean, half = a11 + a22, math.hypot(a11 - a22, 2.0 * a12)
+    return {
+        "id": reading.id,
+        "center_px": np.array(conic[:2]),
+        "covariance_px2": np.array(covariance),
+        "diameter_px": 2.0 * _radius(conic),
+        "axes_px": (mean + half, mean - half),
+        "angle_rad": 0.5 * math.atan2(2.0 * a12, a11 - a22),
+        "phase_rad": reading.phase_rad,
+        "bright": reading.sign > 0,
+        "contrast_dn": float(abs(reading.outline[5] - reading.outline[6]) if contrast is None else contrast),
+        "blur_px": float(s),
+        "ring_margin": reading.margin,
+    }

@@ -1,0 +1,214 @@
+"""The dot's outline at full size, and the bits of the ring around it."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+OUTLINE_RAYS = 48
+SAMPLES = 16
+"""Samples of the ring per sector."""
+
+
+@numba.njit(cache=True)
+def sample(image, col, row):  # type: ignore[no-untyped-def]
+    """Bilinear grey value, NaN outside the image."""
+    height, width = image.shape
+    if not (0.0 <= col <= width - 1.001 and 0.0 <= row <= height - 1.001):
+        return math.nan
+    x, y = int(col), int(row)
+    fx, fy = col - x, row - y
+    top = (1 - fx) * image[y, x] + fx * image[y, x + 1]
+    bottom = (1 - fx) * image[y + 1, x] + fx * image[y + 1, x + 1]
+    return (1 - fy) * top + fy * bottom
+
+
+@numba.njit(cache=True)
+def square_root(xx, xy, yy):  # type: ignore[no-untyped-def]
+    """A with A A = M⁻¹ (symmetric): maps the unit circle to the ellipse xᵀ M x = 1."""
+    det = xx * yy - xy * xy
+    ixx, ixy, iyy = yy / det, -xy / det, xx / det
+    s = math.sqrt(ixx * iyy - ixy * ixy)
+    t = math.sqrt(ixx + iyy + 2.0 * s)
+    return (ixx + s) / t, ixy / t, (iyy + s) / t
+
+
+@numba.njit(cache=True)
+def outline(image, col, row, xx, xy, yy, sign):  # type: ignore[no-untyped-def]
+    """Ellipse through the half levels of the dot's edge on rays from its centre.
+
+    Returns
+    -------
+    result : (9,) col, row, the conic's xx, xy, yy, level inside, level outside, RMS of the edge
+        points off the ellipse (px), width of the edge (standard deviation, px).
+    ok : False where the edge is not found all around.
+    """
+    result = np.empty(9)
+    points = np.empty((OUTLINE_RAYS, 2))
+    for _turn in range(2):
+        a11, a12, a22 = square_root(xx, xy, yy)
+        inside = outside = width = 0.0
+        for i in range(OUTLINE_RAYS):
+            angle = 2 * math.pi * i / OUTLINE_RAYS
+            c, s = math.cos(angle), math.sin(angle)
+            ux, uy = a11 * c + a12 * s, a12 * c + a22 * s
+            length = math.sqrt(ux * ux + uy * uy)
+            v_in = 0.5 * (sample(image, col + 0.5 * ux, row + 0.5 * uy)
+                          + sample(image, col + 0.3 * ux, row + 0.3 * uy))  # fmt: skip
+            v_out = sample(image, col + 1.5 * ux, row + 1.5 * uy)
+            if not sign * (v_in - v_out) > 0.0:
+                return result, False
+            inside += v_in / OUTLINE_RAYS
+            outside += v_out / OUTLINE_RAYS
+            level = 0.5 * (v_in + v_out)
+            t, step = 0.5, 0.5 / max(length, 1.0)
+            before = sign * (sample(image, col + t * ux, row + t * uy) - level)
+            found = False
+            steepest = 0.0
+            while t < 1.5:
+                now = sign * (sample(image, col + (t + step) * ux, row + (t + step) * uy) - level)
+                steepest = max(steepest, before - now)
+                if not found and before > 0.0 and now <= 0.0:
+                    found = True
+                    at = t + step * before / (before - now)
+                    points[i, 0], points[i, 1] = at * c, at * s
+                before = now
+                t += step
+            if not found:
+                return result, False
+            # A Gaussian edge of height h is h / (sqrt(2 pi) sigma) steep.
+            slope = steepest / (step * length)
+            width += abs(v_in - v_out) / (2.5066 * max(slope, 1e-9)) / OUTLINE_RAYS
+        p = _conic(points)
+        det = p[0] * p[2] - p[1] * p[1]
+        if not det > 0.05:
+            return result, False
+        # Centre and size of the fitted conic, in the frame of the unit circle.
+        du = -0.5 * (p[2] * p[3] - p[1] * p[4]) / det
+        dv = -0.5 * (p[0] * p[4] - p[1] * p[3]) / det
+        scale = 1.0 + p[0] * du * du + 2 * p[1] * du * dv + p[2] * dv * dv
+        if not (scale > 0.0 and du * du + dv * dv < 0.25):
+            return result, False
+        off = 0.0
+        for i in range(OUTLINE_RAYS):
+            u, v = points[i, 0] - du, points[i, 1] - dv
+            rho = math.sqrt(max(p[0] * u * u + 2 * p[1] * u * v + p[2] * v * v, 1e-9) / scale)
+            ux, uy = a11 * u + a12 * v, a12 * u + a22 * v
+            off += (1.0 - 1.0 / rho) ** 2 * (ux * ux + uy * uy) / OUTLINE_RAYS
+        d = a11 * a22 - a12 * a12
+        i11, i12, i22 = a22 / d, -a12 / d, a11 / d
+        q11, q12, q22 = p[0] / scale, p[1] / scale, p[2] / scale
+        b11, b12 = i11 * q11 + i12 * q12, i11 * q12 + i12 * q22
+        b21, b22 = i12 * q11 + i22 * q12, i12 * q12 + i22 * q22
+        xx, xy = b11 * i11 + b12 * i12, b11 * i12 + b12 * i22
+        yy = b21 * i12 + b22 * i22
+        col += a11 * du + a12 * dv
+        row += a12 * du + a22 * dv
+        result[:] = np.array([col, row, xx, xy, yy, inside, outside, math.sqrt(off), width])
+    return result, True
+
+
+@numba.njit(cache=True)
+def _conic(points):  # type: ignore[no-untyped-def]
+    """Least squares a u² + 2 b u v + c v² + d u + e v = 1 through points near the unit circle."""
+    normal = np.zeros((5, 5))
+    right = np.zeros(5)
+    g = np.empty(5)
+    for i in range(len(points)):
+        u, v = points[i, 0], points[i, 1]
+        g[0], g[1], g[2], g[3], g[4] = u * u, 2 * u * v, v * v, u, v
+        for j in range(5):
+            right[j] += g[j]
+            for k in range(5):
+                normal[j, k] += g[j] * g[k]
+    return np.linalg.solve(normal, right)
+
+
+@numba.njit(cache=True)
+def ring_profile(image, col, row, a11, a12, a22, lean_x, lean_y, radii, count):  # type: ignore[no-untyped-def]
+    """Mean grey value at the given radii (dot radii), at `count` angles clockwise; NaN outside.
+
+    `lean` is the perspective's share: a point u of the target's plane (dot radii) is seen at
+    centre + A u / (1 + lean · u).
+    """
+    profile = np.zeros(count)
+    for i in range(count):
+        angle = 2 * math.pi * (i + 0.5) / count
+        c, s = math.cos(angle), math.sin(angle)
+        for j in range(len(radii)):
+            r = radii[j]
+            w = 1.0 + r * (lean_x * c + lean_y * s)
+            x = (a11 * c + a12 * s) * r / w
+            y = (a12 * c + a22 * s) * r / w
+            profile[i] += sample(image, col + x, row + y) / len(radii)
+    return profile
+
+
+@numba.njit(cache=True)
+def read_bits(profile, bits):  # type: ignore[no-untyped-def]
+    """Phase of the sectors and the mean over the middle half of each.
+
+    Parameters
+    ----------
+    profile : (bits * SAMPLES,) 0 = background, 1 = set.
+
+    Returns
+    -------
+    values : (bits,) clockwise. phase : where the first sector begins, in samples.
+    """
+    n = len(profile)
+    re = im = 0.0
+    for i in range(n):
+        jump = abs(profile[(i + 1) % n] - profile[i - 1])
+        angle = 2 * math.pi * (i + 0.5) / SAMPLES
+        re += jump * jump * math.cos(angle)
+        im += jump * jump * math.sin(angle)
+    phase = math.atan2(im, re) / (2 * math.pi) * SAMPLES
+    if phase < 0.0:
+        phase += SAMPLES
+    values = np.zeros(bits)
+    for b in range(bits):
+        total = 0.0
+        taken = 0
+        for k in range(SAMPLES // 4, SAMPLES - SAMPLES // 4):
+            total += profile[int(phase + b * SAMPLES + k + 0.001) % n]
+            taken += 1
+        values[b] = total / taken
+    return values, phase
+
+
+@numba.njit(cache=True)
+def expected_profile(a11, a12, a22, inner, outer, bits, phase, s, radii, count):  # type: ignore[no-untyped-def]
+    """What `ring_profile` should show of the bits: 0 to 1, with the blur s (px).
+
+    `phase` is where the first sector begins (rad, clockwise).
+    """
+    n = len(bits)
+    pitch = 2.0 * math.pi / n
+    det = a11 * a22 - a12 * a12
+    root2 = math.sqrt(2.0)
+    profile = np.empty(count)
+    for i in range(count):
+        angle = 2 * math.pi * (i + 0.5) / count
+        c, s_ = math.cos(angle), math.sin(angle)
+        along = math.hypot(a11 * c + a12 * s_, a12 * c + a22 * s_)
+        # Pixels per dot radius perpendicular to the ring's edge, and per radian to a border's.
+        across = det / math.hypot(a22 * c - a12 * s_, a11 * s_ - a12 * c)
+        side = det / along
+        radial = 0.0
+        mean_radius = 0.0
+        for j in range(len(radii)):
+            z_in, z_out = (radii[j] - inner) * across / s, (radii[j] - outer) * across / s
+            radial += 0.5 * (math.erf(z_in / root2) - math.erf(z_out / root2)) / len(radii)
+            mean_radius += radii[j] / len(radii)
+        turn = (angle - phase) / pitch
+        k = int(math.floor(turn))
+        scale = pitch * mean_radius * side / s / root2
+        value = 0.0
+        for m in range(k - 2, k + 3):
+            if bits[m % n]:
+                value += 0.5 * (math.erf((turn - m) * scale) - math.erf((turn - m - 1) * scale))
+        profile[i] = value * radial
+    return profile

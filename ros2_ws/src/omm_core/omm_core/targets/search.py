@@ -1,0 +1,188 @@
+"""Search for dots with something ring-like around them, in the image at half size.
+
+Every row is scanned for pairs of opposite edges. A pair whose middle is also the middle of the
+column through it may be the centre of a dot: rays to 16 sides must then meet the dot's edge where
+an ellipse has it, the gap around must be clear, and at the ring's radius something must be set.
+Each test is cheaper than the next and turns most of the remaining away, so clutter costs little.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+RAYS = 16
+
+
+@numba.njit(cache=True)
+def find_dots(half, step, contrast, max_run, gap_ratio, read_ratio, found):  # type: ignore[no-untyped-def]
+    """Write candidates to `found` and return how many there are.
+
+    Parameters
+    ----------
+    half : (H, W) unsigned integers, the image at half size.
+    step : smallest grey difference over two pixels that counts as an edge.
+    contrast : smallest difference of dot and background.
+    max_run : largest width of a dot, px at half size.
+    gap_ratio, read_ratio : radii (in dot radii) of the middle of the gap and of the ring.
+    found : (N, 6) float64; col, row (px at half size), the conic's xx, xy, yy (1/px²), polarity.
+    """
+    height, width = half.shape
+    seen = np.zeros(((height >> 1) + 2, (width >> 1) + 2), dtype=np.uint8)
+    count = 0
+    for y in range(2, height - 2):
+        strong, strong_x = 0, -1
+        last, last_x = 0, -1
+        peak, peak_x = 0, -1
+        for x in range(2, width - 2):
+            d = np.int64(half[y, x + 1]) - np.int64(half[y, x - 1])
+            if peak == 0 and -step < d < step:
+                continue
+            same = (d >= step and peak > 0) or (d <= -step and peak < 0)
+            if same:
+                if abs(d) > abs(peak):
+                    peak, peak_x = d, x
+                continue
+            if peak != 0:
+                if (last > 0) != (peak > 0) and last != 0:
+                    w = peak_x - last_x
+                    if 2 <= w <= max_run:
+                        count = _test_run(half, last_x, peak_x, y, 1 if last > 0 else -1, contrast,
+                                          gap_ratio, read_ratio, seen, found, count)  # fmt: skip
+                if strong_x != last_x and strong != 0 and (strong > 0) != (peak > 0):
+                    w = peak_x - strong_x
+                    if 2 <= w <= max_run and 3 * abs(peak) >= abs(strong):
+                        count = _test_run(half, strong_x, peak_x, y, 1 if strong > 0 else -1,
+                                          contrast, gap_ratio, read_ratio, seen, found,
+                                          count)  # fmt: skip
+                last, last_x = peak, peak_x
+                if 3 * abs(peak) >= abs(strong) or peak_x - strong_x > max_run:
+                    strong, strong_x = peak, peak_x
+            if d >= step or d <= -step:
+                peak, peak_x = d, x
+            else:
+                peak = 0
+    return count
+
+
+@numba.njit(cache=True)
+def _test_run(half, left, right, y, sign, contrast, gap_ratio, read_ratio, seen, found, count):  # type: ignore[no-untyped-def]
+    height, width = half.shape
+    x = (left + right) >> 1
+    if seen[y >> 1, x >> 1] or count >= len(found):
+        return count
+    inside = np.int64(half[y, x])
+    outside = (np.int64(half[y, max(left - 2, 0)]) + np.int64(half[y, min(right + 2, width - 1)])) >> 1
+    if sign * (inside - outside) < contrast:
+        return count
+    level = (inside + outside) >> 1
+    limit = 3 * (right - left) + 3
+    up = 1
+    while up <= limit and y - up >= 0 and sign * (np.int64(half[y - up, x]) - level) > 0:
+        up += 1
+    if up > limit or y - up < 0:
+        return count
+    down = 1
+    most = up + 2 + (up >> 2)
+    while down <= most and y + down < height and sign * (np.int64(half[y + down, x]) - level) > 0:
+        down += 1
+    if down > most or y + down >= height or up > down + 2 + (down >> 2):
+        return count
+    ok, col, row, xx, xy, yy = _ellipse(half, 0.5 * (left + right), y + 0.5 * (down - up), level,
+                                        sign, limit)  # fmt: skip
+    if not ok:
+        return count
+    if not _ring_like(half, col, row, xx, xy, yy, level, sign, gap_ratio, read_ratio):
+        return count
+    r = min(1.0 / math.sqrt(xx + yy), 6.0)
+    y0, y1 = max(int(row - r) >> 1, 0), min((int(row + r) >> 1) + 1, seen.shape[0])
+    x0, x1 = max(int(col - r) >> 1, 0), min((int(col + r) >> 1) + 1, seen.shape[1])
+    seen[y0:y1, x0:x1] = 1
+    found[count, 0], found[count, 1] = col, row
+    found[count, 2], found[count, 3], found[count, 4] = xx, xy, yy
+    found[count, 5] = sign
+    return count + 1
+
+
+@numba.njit(cache=True)
+def _ellipse(half, col, row, level, sign, limit):  # type: ignore[no-untyped-def]
+    """Ellipse through the first crossings of `level` on rays from (col, row)."""
+    height, width = half.shape
+    lengths = np.empty(RAYS)
+    shift_x = shift_y = 0.0
+    for turn in range(2):
+        for i in range(RAYS):
+            c, s = math.cos(2 * math.pi * i / RAYS), math.sin(2 * math.pi * i / RAYS)
+            before = sign * (half[int(row + 0.5), int(col + 0.5)] - level) + 0.0
+            t = 0.0
+            while True:
+                t += 1.0
+                if t > limit:
+                    return False, 0.0, 0.0, 0.0, 0.0, 0.0
+                px, py = col + t * c, row + t * s
+                ix, iy = int(px), int(py)
+                if px < 0 or py < 0 or ix >= width - 1 or iy >= height - 1:
+                    return False, 0.0, 0.0, 0.0, 0.0, 0.0
+                fx, fy = px - ix, py - iy
+                top = (1 - fx) * half[iy, ix] + fx * half[iy, ix + 1]
+                bottom = (1 - fx) * half[iy + 1, ix] + fx * half[iy + 1, ix + 1]
+                now = sign * ((1 - fy) * top + fy * bottom - level)
+                if now <= 0.0:
+                    lengths[i] = t - 1.0 + before / (before - now) if before > now else t
+                    break
+                before = now
+            if i >= RAYS // 2:
+                pair = lengths[i - RAYS // 2] + lengths[i]
+                differ = abs(lengths[i - RAYS // 2] - lengths[i])
+                if differ > (2.0 + 0.25 * pair if turn == 0 else 0.8 + 0.1 * pair):
+                    return False, 0.0, 0.0, 0.0, 0.0, 0.0
+        shift_x = shift_y = 0.0
+        for i in range(RAYS):
+            shift_x += lengths[i] * math.cos(2 * math.pi * i / RAYS) * 2 / RAYS
+            shift_y += lengths[i] * math.sin(2 * math.pi * i / RAYS) * 2 / RAYS
+        if turn == 0:
+            col += shift_x
+            row += shift_y
+            if not (1 <= col < width - 2 and 1 <= row < height - 2):
+                return False, 0.0, 0.0, 0.0, 0.0, 0.0
+    a = b = c2 = 0.0
+    n = RAYS // 2
+    for i in range(n):
+        mean = 0.5 * (lengths[i] + lengths[i + n])
+        q = 1.0 / (mean * mean + 0.02)
+        a += q / n
+        b += q * math.cos(4 * math.pi * i / RAYS) * 2 / n
+        c2 += q * math.sin(4 * math.pi * i / RAYS) * 2 / n
+    if a * a <= 1.05 * (b * b + c2 * c2):
+        return False, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(n):
+        mean = 0.5 * (lengths[i] + lengths[i + n])
+        q = a + b * math.cos(4 * math.pi * i / RAYS) + c2 * math.sin(4 * math.pi * i / RAYS)
+        if q <= 0.0 or abs(1.0 / math.sqrt(q) - mean) > 0.6 + 0.1 * mean:
+            return False, 0.0, 0.0, 0.0, 0.0, 0.0
+    return True, col, row, a + b, c2, a - b
+
+
+@numba.njit(cache=True)
+def _ring_like(half, col, row, xx, xy, yy, level, sign, gap_ratio, read_ratio):  # type: ignore[no-untyped-def]
+    """Is the gap clear, and is something set at the ring's radius?"""
+    height, width = half.shape
+    wrong = 0
+    set_samples = 0
+    for i in range(48):
+        c, s = math.cos(2 * math.pi * i / 48), math.sin(2 * math.pi * i / 48)
+        r = 1.0 / math.sqrt(xx * c * c + 2 * xy * c * s + yy * s * s)
+        x, y = int(col + read_ratio * r * c + 0.5), int(row + read_ratio * r * s + 0.5)
+        if 0 <= x < width and 0 <= y < height and sign * (np.int64(half[y, x]) - level) > 0:
+            set_samples += 1
+        if i % 3 == 0:
+            x, y = int(col + gap_ratio * r * c + 0.5), int(row + gap_ratio * r * s + 0.5)
+            if not (0 <= x < width and 0 <= y < height):
+                return False
+            if sign * (np.int64(half[y, x]) - level) > 0:
+                wrong += 1
+                if wrong > 3:
+                    return False
+    return set_samples >= 3
