@@ -64,7 +64,6 @@ def _linuxcnc_cell(p: Parameters) -> tuple[Control, Machine]:
         title=cell.scenario.name,
     )
     folder = Path(tempfile.mkdtemp(prefix="omm_linuxcnc_"))
-    folder.chmod(0o755)  # as root, LinuxCNC's realtime part runs as another user
     control = DemoLinuxCnc(p.linuxcnc_cell, folder, text, machine, rate_hz=p.rate_hz)
     return control, machine
 

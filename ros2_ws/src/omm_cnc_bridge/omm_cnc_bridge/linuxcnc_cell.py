@@ -10,6 +10,7 @@ import os
 import shutil
 import signal
 import subprocess
+import tempfile
 import time
 from pathlib import Path
 from types import TracebackType
@@ -74,6 +75,7 @@ class LinuxCncCell:
         self.folder = folder
         self._ini = folder / f"{configuration}.ini"
         self._process: subprocess.Popen[bytes] | None = None
+        self._fifo: tempfile.TemporaryDirectory[str] | None = None
         folder.mkdir(parents=True, exist_ok=True)
         for file in configuration_folder().iterdir():
             shutil.copy(file, folder)
@@ -124,6 +126,9 @@ class LinuxCncCell:
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
+        if self._fifo is not None:
+            self._fifo.cleanup()
+            self._fifo = None
 
     def pids(self, name: str) -> list[int]:
         """Processes of this LinuxCNC by name: milltask, rtapi_app, stay_alive.sh."""
@@ -141,10 +146,11 @@ class LinuxCncCell:
         environment.pop("LD_LIBRARY_PATH", None)  # of ROS; LinuxCNC takes the system's
         environment["HOME"] = str(self.folder)
         if os.getuid() == 0:  # as root, LinuxCNC's realtime part runs as another user
-            fifo = self.folder / "fifo"
-            fifo.mkdir(exist_ok=True)
-            os.chown(fifo, _NOBODY, -1)
-            environment |= {"RTAPI_UID": str(_NOBODY), "RTAPI_FIFO_PATH": str(fifo / "rtapi_fifo")}
+            if self._fifo is None:
+                self._fifo = tempfile.TemporaryDirectory(prefix="omm_rtapi_")
+                os.chown(self._fifo.name, _NOBODY, -1)
+            environment["RTAPI_UID"] = str(_NOBODY)
+            environment["RTAPI_FIFO_PATH"] = f"{self._fifo.name}/rtapi_fifo"
         return environment
 
     def _switch_on(self) -> None:

@@ -78,7 +78,7 @@ class Parameters:
     linuxcnc_reader: tuple[str, ...] = parameter(
         (),
         "LinuxCNC on another machine: command that starts linuxcnc_reader.py there, for instance "
-        "[ssh, control, python3, -I, -u, linuxcnc_reader.py]. Empty reads the one on this machine.",
+        "[ssh, control, python3, -I, -u, linuxcnc_reader.py]. Empty reads the one on this one.",
     )
     linuxcnc_joints: tuple[str, ...] = parameter(
         (), "LinuxCNC: axis that each joint is; empty takes the letters of its configuration."
