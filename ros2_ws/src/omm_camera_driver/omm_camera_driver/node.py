@@ -217,7 +217,9 @@ class CameraNode(LifecycleNode):
         return info
 
     def _stop_worker(self) -> None:
-        if self._worker is not None and not self._worker.stop(timeout_s=1.0):
+        if self._worker is None or self._worker.stop(timeout_s=1.0):
+            return
+        if self.context.ok():
             self.get_logger().warning("The camera still blocks; it is left to end by itself.")
 
     def _health(self) -> Health:

@@ -86,4 +86,4 @@ def mono_from_yuyv(
 ) -> NDArray[np.uint8]:
     """The brightness of a YUYV image, (height, width); a copy."""
     rows = data[: row_bytes * height].reshape(height, row_bytes)
-    return np.ascontiguousarray(rows[:, : 2 * width : 2])
+    return rows[:, : 2 * width : 2].copy()
