@@ -101,15 +101,8 @@ def machine_T_spindle(message: Any) -> RigidTransform:
     Raises
     ------
     InputError
-        If the quaternion is not one, or a number is not finite.
+        If the quaternion has no direction, or a number is not finite.
     """
     p, q = message.pose.position, message.pose.orientation
-    quaternion = np.array([q.x, q.y, q.z, q.w])
-    position_m = np.array([p.x, p.y, p.z])
-    norm = float(np.linalg.norm(quaternion))
-    if not np.isfinite(position_m).all() or not abs(norm - 1.0) < 1e-3:
-        raise InputError(
-            f"Expected finite positions and unit quaternions in the spindle's poses, got position "
-            f"{position_m.tolist()} m and quaternion (x, y, z, w) {quaternion.tolist()}."
-        )
-    return RigidTransform.from_quaternion_xyzw(quaternion, translation_mm=position_m * 1000.0)
+    xyz_mm = np.array((p.x, p.y, p.z)) * 1000.0
+    return RigidTransform.from_quaternion_xyzw((q.x, q.y, q.z, q.w), xyz_mm)

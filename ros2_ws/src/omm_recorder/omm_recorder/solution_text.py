@@ -64,8 +64,8 @@ def _difference(value: float, recorded_si: float, unit: str) -> str:
     """Against the live estimate; equal means to the last bit."""
     if math.isnan(recorded_si):
         return "-"
-    # Divided as on the topic, so that what is equal comes out equal.
-    si = value / 1000.0 if unit == "mm" else value
+    # As the estimator does for the topic, so that what is equal comes out equal.
+    si = value * 1e-3 if unit == "mm" else value
     return "0 (equal)" if si == recorded_si else f"{(si - recorded_si) * 1000.0:.3g}"
 
 

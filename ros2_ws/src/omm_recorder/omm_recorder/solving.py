@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from omm_core.calibration import CameraCalibration, load_calibration
 from omm_core.errors import InputError
-from omm_core.measurement import Measurement, MeasurementOptions
-from omm_core.pairing import PairingOptions
+from omm_core.measurement import Measurement
 from omm_core.part import Part, load_part
 from omm_recorder.decoding import (
     IMAGE_TYPE,
@@ -25,7 +24,14 @@ from omm_recorder.decoding import (
     machine_T_spindle,
     stamp_ns,
 )
-from omm_recorder.reading import RecordedMessage, Recording
+from omm_recorder.reading import Recording
+from omm_recorder.recorded_estimator import (
+    RecordedEstimate,
+    Settings,
+    options_from,
+    recorded_estimate,
+    recorded_settings,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -34,33 +40,21 @@ if TYPE_CHECKING:
     from omm_core.result import MeasurementResult
     from omm_core.targets import Detection
 
-ESTIMATE = "/omm/estimate"
-
 
 @dataclass(frozen=True, kw_only=True)
 class SolveRunOptions:
-    """What to solve with; what is not given is taken from the run."""
+    """What to solve with; what is not given is as the live estimator had it, or its default."""
 
     part_file: Path | None = None
     calibration_file: Path | None = None
-    model: str = "7d"
-    gamma_s_rad: float = 0.0
-    pairing: PairingOptions = field(default_factory=PairingOptions)
+    settings: Settings = field(default_factory=dict)
+    """Parameters of the estimator that shall differ from those of the run."""
     without: frozenset[int] = frozenset()
     """Stamps (ns) of images to leave out."""
     image_topic: str = "/camera/image_raw"
     pose_topic: str = "/cnc/spindle_pose"
     threads: int = 0
     """Images looked at side by side; 0: one for each core."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class RecordedEstimate:
-    """The live estimator's last word in the recording."""
-
-    model: str
-    theta_si: tuple[float, ...]
-    """(alpha, beta, gamma, x, y, z, gamma_s), rad and m; NaN where not determined."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,9 +93,13 @@ def solve_run(run: Path, options: SolveRunOptions | None = None) -> SolvedRun:
         recording.require(options.pose_topic, POSE_TYPE)
         part = _part(recording, options.part_file, notices)
         calibration = _calibration(recording, options.calibration_file, notices)
-        measurement = Measurement(part, calibration, _measurement_options(options))
-        _feed(recording, measurement, options)
-        recorded = _recorded_estimate(recording)
+        settings = recorded_settings(recording) | options.settings
+        measurement = Measurement(part, calibration, options_from(settings))
+        recorded = recorded_estimate(recording)
+        forgotten = recorded.forgotten if recorded is not None else frozenset()
+        if forgotten:
+            notices.append(f"{len(forgotten)} images of earlier clampings are left out")
+        _Feeder(measurement, options, notices).feed(recording, forgotten)
     return SolvedRun(
         run=run,
         options=options,
@@ -113,51 +111,85 @@ def solve_run(run: Path, options: SolveRunOptions | None = None) -> SolvedRun:
     )
 
 
-def _measurement_options(options: SolveRunOptions) -> MeasurementOptions:
-    from omm_core.estimation import SolveOptions
+class _Feeder:
+    """Gives all poses and images of a recording to a measurement, as the live estimator does.
 
-    model: Any = options.model
-    solve = SolveOptions(model=model, gamma_s_rad=options.gamma_s_rad)
-    return MeasurementOptions(pairing=options.pairing, solve=solve)
+    Several images are searched at once; the order in which they end does not matter.
+    """
 
+    def __init__(
+        self, measurement: Measurement, options: SolveRunOptions, notices: list[str]
+    ) -> None:
+        self._measurement = measurement
+        self._options = options
+        self._notices = notices
+        self._threads = options.threads or len(os.sched_getaffinity(0))
+        self._waiting: deque[tuple[int, Future[Detection]]] = deque()
+        self._stamps: set[int] = set()
+        self._bad_images: list[InputError] = []
+        self._bad_poses: list[InputError] = []
+        self._poses = 0
 
-def _feed(recording: Recording, measurement: Measurement, options: SolveRunOptions) -> None:
-    """Give all poses and images to the measurement; several images are searched at once."""
-    threads = options.threads or len(os.sched_getaffinity(0))
-    waiting: deque[tuple[int, Future[Detection]]] = deque()
-    stamps: set[int] = set()
+    def feed(self, recording: Recording, forgotten: frozenset[int]) -> None:
+        """Feed everything.
 
-    def take_first() -> None:
-        stamp, found = waiting.popleft()
-        measurement.add_detection(stamp, found.result().targets)
+        Raises
+        ------
+        InputError
+            If no pose or no image can be used, or an image to leave out is not there.
+        """
+        options = self._options
+        with ThreadPoolExecutor(self._threads) as pool:
+            for message in recording.messages([options.image_topic, options.pose_topic]):
+                content = recording.decode(message)
+                stamp = stamp_ns(content)
+                if message.topic == options.pose_topic:
+                    self._take_pose(stamp, content)
+                elif stamp not in forgotten:
+                    self._take_image(stamp, content, pool)
+            while self._waiting:
+                self._take_found()
+        self._check()
 
-    with ThreadPoolExecutor(threads) as pool:
-        for message in recording.messages([options.image_topic, options.pose_topic]):
-            if message.topic == options.pose_topic:
-                pose = recording.decode(message)
-                measurement.add_pose(stamp_ns(pose), machine_T_spindle(pose))
-                continue
-            image = recording.decode(message)
-            stamp = stamp_ns(image)
-            stamps.add(stamp)
-            if stamp in options.without:
-                measurement.add_refused_image(stamp, "left out on request")
-                continue
-            waiting.append((stamp, pool.submit(_detect, measurement, image_pixels(image))))
-            if len(waiting) > 2 * threads:  # images are large: not all of them at once
-                take_first()
-        while waiting:
-            take_first()
-    unknown = options.without - stamps
-    if unknown:
-        raise InputError(
-            f"Expected stamps of recorded images to leave out, got {min(unknown)}. "
-            f"There are: {', '.join(map(str, sorted(stamps)))}."
-        )
+    def _take_pose(self, stamp: int, pose: Any) -> None:
+        try:
+            self._measurement.add_pose(stamp, machine_T_spindle(pose))
+            self._poses += 1
+        except InputError as error:
+            self._bad_poses.append(error)
 
+    def _take_image(self, stamp: int, image: Any, pool: ThreadPoolExecutor) -> None:
+        self._stamps.add(stamp)
+        if stamp in self._options.without:
+            self._measurement.add_refused_image(stamp, "left out on request")
+            return
+        found = pool.submit(lambda: self._measurement.detect(image_pixels(image)))
+        self._waiting.append((stamp, found))
+        if len(self._waiting) > 2 * self._threads:  # images are large: not all of them at once
+            self._take_found()
 
-def _detect(measurement: Measurement, image: "NDArray[np.generic]") -> "Detection":
-    return measurement.detect(image)
+    def _take_found(self) -> None:
+        stamp, found = self._waiting.popleft()
+        try:
+            self._measurement.add_detection(stamp, found.result().targets)
+        except InputError as error:
+            self._measurement.add_refused_image(stamp, str(error))
+            self._bad_images.append(error)
+
+    def _check(self) -> None:
+        unknown = self._options.without - self._stamps
+        if unknown:
+            raise InputError(
+                f"Expected stamps of recorded images to leave out, got {min(unknown)}. "
+                f"There are: {', '.join(map(str, sorted(self._stamps)))}."
+            )
+        if self._bad_images and len(self._bad_images) == len(self._stamps):
+            raise self._bad_images[0]
+        if self._bad_poses and not self._poses:
+            raise self._bad_poses[0]
+        if self._bad_poses:
+            number = len(self._bad_poses)
+            self._notices.append(f"{number} spindle poses cannot be used: {self._bad_poses[0]}")
 
 
 def _part(recording: Recording, named: Path | None, notices: list[str]) -> Part:
@@ -191,16 +223,3 @@ def _load(recording: Recording, name: str, load: Any, notices: list[str]) -> Any
         path = Path(folder) / name
         path.write_bytes(inside)
         return load(path)
-
-
-def _recorded_estimate(recording: Recording) -> RecordedEstimate | None:
-    """The last estimate that the live node published."""
-    last: RecordedMessage | None = None
-    if ESTIMATE in recording.topics:
-        for message in recording.messages([ESTIMATE]):
-            last = message
-    if last is None:
-        return None
-    estimate = recording.decode(last)
-    theta_si = tuple(float(value) for value in estimate.theta)
-    return RecordedEstimate(model=str(estimate.model), theta_si=theta_si)

@@ -115,8 +115,10 @@ def test_images_can_be_left_out(bench: Path) -> None:
 
 
 def test_in_6d_the_clamping_angle_is_as_given(bench: Path) -> None:
-    solution = solve_run(bench, SolveRunOptions(model="6d", gamma_s_rad=1e-4)).result.solution
-    assert solution.theta[6] == 1e-4
+    solution = solve_run(
+        bench, SolveRunOptions(settings={"model": "6d", "gamma_s_rad": 1e-4})
+    ).result.solution
+    assert solution.theta[6] == pytest.approx(1e-4, abs=1e-12)
     assert not solution.covariance[6].any()
     assert not solution.covariance[:, 6].any()
 

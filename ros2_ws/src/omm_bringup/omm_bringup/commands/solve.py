@@ -15,13 +15,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--calibration", metavar="FILE", type=Path, help="calibration (default: the run's)"
     )
-    parser.add_argument("--model", choices=("7d", "6d"), default="7d")
+    parser.add_argument(
+        "--model", choices=("7d", "6d"), help="default: as measured live, or else 7d"
+    )
     parser.add_argument(
         "--gamma-s",
         metavar="RAD",
         type=float,
-        default=0.0,
-        help="clamping angle of the 6d model (default: 0)",
+        help="clamping angle of the 6d model (default: as measured live, or else 0)",
     )
     parser.add_argument(
         "--tolerance",
@@ -57,20 +58,17 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _options(arguments: argparse.Namespace):  # type: ignore[no-untyped-def]
-    from dataclasses import replace
-
-    from omm_core.pairing import PairingOptions
     from omm_recorder.solving import SolveRunOptions
 
-    pairing = PairingOptions()
-    if arguments.tolerance is not None:
-        pairing = replace(pairing, tolerance_mm=arguments.tolerance)
+    given = {
+        "model": arguments.model,
+        "gamma_s_rad": arguments.gamma_s,
+        "standstill_tolerance_mm": arguments.tolerance,
+    }
     return SolveRunOptions(
         part_file=arguments.part,
         calibration_file=arguments.calibration,
-        model=arguments.model,
-        gamma_s_rad=arguments.gamma_s,
-        pairing=pairing,
+        settings={name: value for name, value in given.items() if value is not None},
         without=frozenset(arguments.without),
         image_topic=arguments.image_topic,
         pose_topic=arguments.pose_topic,
