@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from omm_core.geometry import RigidTransform
 
+from omm_core.geometry import RigidTransform
 from omm_simulation.cell import Cell
-from omm_simulation.light import light_at, light_grid
+from omm_simulation.light import light_between, light_grid
 from omm_simulation.metal import GRID_STEP_PX, plate_grid, render_plate
 from omm_simulation.rays import Floats, lens_numbers, plane_homography, see_plane
 from omm_simulation.scene import Reflection, SceneTarget, scene_of
@@ -43,6 +43,10 @@ class _Window:
     first_row: int
     width: int
     height: int
+
+    def grid_shape(self) -> tuple[int, int]:
+        """Rows and columns of a grid of every GRID_STEP_PX-th pixel that covers it."""
+        return -(-self.height // GRID_STEP_PX) + 1, -(-self.width // GRID_STEP_PX) + 1
 
     def as_tuple(self) -> tuple[int, int, int, int]:
         return self.first_col, self.first_row, self.width, self.height
@@ -131,17 +135,21 @@ class SimulatedCamera:
 
         The last image is kept: while the spindle stands still there is nothing to render.
         """
-        one = isinstance(machine_T_spindle, RigidTransform)
-        poses = (machine_T_spindle,) if one else tuple(machine_T_spindle)  # type: ignore[arg-type]
-        if self._last is None or not _same(self._last[0], poses):
-            image = self._render(poses[0])
-            for pose in poses[1:]:
-                image += self._render(pose)
-            if len(poses) > 1:
-                image /= np.float32(len(poses))
-            image.setflags(write=False)
-            self._last = (poses, image)
-        return self._last[1]
+        poses = (
+            (machine_T_spindle,)
+            if isinstance(machine_T_spindle, RigidTransform)
+            else tuple(machine_T_spindle)
+        )
+        if self._last is not None and _same(self._last[0], poses):
+            return self._last[1]
+        image = self._render(poses[0])
+        for pose in poses[1:]:
+            image += self._render(pose)
+        if len(poses) > 1:
+            image /= np.float32(len(poses))
+        image.setflags(write=False)
+        self._last = (poses, image)
+        return image
 
     def machine_T_camera(self, machine_T_spindle: RigidTransform) -> RigidTransform:
         """R_C = R_CNC R_s R_calib, d_C = R_CNC R_s d_calib + d_CNC (paper eq. 21)."""
@@ -157,36 +165,35 @@ class SimulatedCamera:
     def _render(self, machine_T_spindle: RigidTransform) -> Image32:
         camera_T_machine = self.machine_T_camera(machine_T_spindle).inverse()
         camera_T_plate = camera_T_machine @ self._scene.machine_T_plate
-        light = self._light(camera_T_plate)
-        image = self._plate(camera_T_plate, light)
+        image = self._plate(camera_T_plate)
         for reflection in self._scene.reflections:
-            self._add_reflection(image, light, camera_T_plate, reflection)
+            self._add_reflection(image, camera_T_plate, reflection)
         for target in self._scene.targets:
             camera_T_target = camera_T_machine @ self._scene.machine_T_part @ target.part_T_target
-            self._add_target(image, light, camera_T_target, target)
+            self._add_target(image, camera_T_target, target)
         return image
 
-    def _grid_shape(self) -> tuple[int, int]:
-        height, width = self._shape
-        return -(-height // GRID_STEP_PX) + 1, -(-width // GRID_STEP_PX) + 1
-
-    def _light(self, camera_T_plate: RigidTransform) -> Image32:
-        normal = np.ascontiguousarray(camera_T_plate.rotation[:, 2])
+    def _light(self, camera_T_plane: RigidTransform, window: _Window) -> Image32:
+        """Light on a plane, on a grid that begins with the window and covers it."""
         light = light_grid(
-            self._lens, normal, camera_T_plate.translation_mm, self._distance_mm,
-            self._imaging.ring_light_radius_mm, self._imaging.vignetting, *self._grid_shape(),
+            self._lens, np.ascontiguousarray(camera_T_plane.rotation[:, 2]),
+            camera_T_plane.translation_mm, self._distance_mm,
+            self._imaging.ring_light_radius_mm, self._imaging.vignetting,
+            window.first_col, window.first_row, *window.grid_shape(),
         )  # fmt: skip
         return np.asarray(light, dtype=np.float32)
 
-    def _plate(self, camera_T_plate: RigidTransform, light: Image32) -> Image32:
+    def _plate(self, camera_T_plate: RigidTransform) -> Image32:
         imaging = self._imaging
         image = np.empty(self._shape, np.float32)
+        whole = _Window(first_col=0, first_row=0, width=self._shape[1], height=self._shape[0])
+        light = self._light(camera_T_plate, whole)
         if not light.any():  # nothing to be seen of the plate's front
             image[:] = imaging.black_dn
             return image
         homography = plane_homography(camera_T_plate.rotation, camera_T_plate.translation_mm)
         render_plate(
-            plate_grid(self._lens, homography, *self._grid_shape()),
+            plate_grid(self._lens, homography, *whole.grid_shape()),
             light,
             self._scene.metal.coarse,
             self._scene.metal.fine,
@@ -197,7 +204,7 @@ class SimulatedCamera:
         return image
 
     def _add_target(
-        self, image: Image32, light: Image32, camera_T_target: RigidTransform, target: SceneTarget
+        self, image: Image32, camera_T_target: RigidTransform, target: SceneTarget
     ) -> None:
         window = self._window(camera_T_target, target.label_radius_mm)
         if window is None:
@@ -211,7 +218,7 @@ class SimulatedCamera:
         film = self._film(target, plane_of_pixel, camera_T_target, window)
         contrast_dn = imaging.target_dn - imaging.backing_dn
         bright_dn = (imaging.backing_dn - imaging.black_dn) * cover + contrast_dn * film
-        self._paste(image, light, window, cover, bright_dn)
+        self._paste(image, window, self._light(camera_T_target, window), cover, bright_dn)
 
     def _film(
         self, target: SceneTarget, plane_of_pixel: PlaneOfPixel, camera_T_target: RigidTransform,
@@ -237,7 +244,7 @@ class SimulatedCamera:
         return film
 
     def _add_reflection(
-        self, image: Image32, light: Image32, camera_T_plate: RigidTransform, spot: Reflection
+        self, image: Image32, camera_T_plate: RigidTransform, spot: Reflection
     ) -> None:
         centre_mm = np.append(spot.centre_mm, 0.0)
         cos, sin = np.cos(spot.angle_rad), np.sin(spot.angle_rad)
@@ -261,7 +268,7 @@ class SimulatedCamera:
             window=window.as_tuple(), blur_px=self._imaging.blur_sigma_px, cells=2,
         )  # fmt: skip
         bright_dn = (spot.grey_dn - self._imaging.black_dn) * cover
-        self._paste(image, light, window, cover, bright_dn)
+        self._paste(image, window, self._light(camera_T_spot, window), cover, bright_dn)
 
     def _plane_of_pixel(self, camera_T_plane: RigidTransform) -> PlaneOfPixel:
         homography = plane_homography(camera_T_plane.rotation, camera_T_plane.translation_mm)
@@ -302,11 +309,11 @@ class SimulatedCamera:
         )  # fmt: skip
 
     def _paste(
-        self, image: Image32, light: Image32, window: _Window, cover: Floats, bright_dn: Floats
+        self, image: Image32, window: _Window, light: Image32, cover: Floats, bright_dn: Floats
     ) -> None:
-        """Lay something over the image that covers it and is so bright above black in full light."""
+        """Lay something over the image: how it covers, how bright above black in full light."""
         lit = np.empty(cover.shape, np.float32)
-        light_at(light, window.first_col, window.first_row, lit)
+        light_between(light, lit)
         laid = lit * bright_dn + self._imaging.black_dn * cover
         height, width = self._shape
         r0, c0 = max(0, window.first_row), max(0, window.first_col)

@@ -26,26 +26,31 @@ def _irradiance(x: float, y: float, z: float, normal: Floats, ring_radius_mm: fl
 @numba.njit(cache=True)
 def light_grid(
     lens: LensNumbers, normal: Floats, point_mm: Floats, nominal_distance_mm: float,
-    ring_radius_mm: float, vignetting: float, rows: int, cols: int,
+    ring_radius_mm: float, vignetting: float, first_col: int, first_row: int, rows: int, cols: int,
 ) -> Floats:  # fmt: skip
-    """Light on the plate as the camera sees it, on a grid of every GRID_STEP_PX-th pixel.
+    """Light on a plane as the camera sees it, on a grid of every GRID_STEP_PX-th pixel.
 
     Relative to a surface that faces the camera at the nominal distance, on the axis; 0 where a
-    ray misses the plate.
+    ray misses the plane.
 
     Parameters
     ----------
     normal, point_mm : ndarray, shape (3,)
-        Of the plate, in `camera_optical`.
+        Of the plane, in `camera_optical`.
     vignetting : float
         Exponent of cos θ.
+    first_col, first_row : int
+        Pixel of the grid's first point; may lie outside of the image.
+    rows, cols : int
+        Size of the grid.
     """
     facing = np.array([0.0, 0.0, -1.0])
     nominal = _irradiance(0.0, 0.0, nominal_distance_mm, facing, ring_radius_mm)
     light = np.zeros((rows, cols))
     for j in range(rows):
         for i in range(cols):
-            x, y = ray_of_pixel(lens, float(i * GRID_STEP_PX), float(j * GRID_STEP_PX))
+            col, row = first_col + i * GRID_STEP_PX, first_row + j * GRID_STEP_PX
+            x, y = ray_of_pixel(lens, float(col), float(row))
             towards = normal[0] * x + normal[1] * y + normal[2]
             depth = (normal @ point_mm) / towards if towards < 0.0 else -1.0
             if depth <= 0.0:
@@ -56,23 +61,14 @@ def light_grid(
 
 
 @numba.njit(cache=True)
-def light_at(light, first_col: int, first_row: int, out) -> None:  # type: ignore[no-untyped-def]
-    """The grid's light at each pixel of a window of the image; `out` (H, W), the border repeated.
-
-    Parameters
-    ----------
-    light : ndarray of float32, shape (rows, cols)
-    first_col, first_row : int
-        Where the window begins; may lie outside of the image.
-    """
+def light_between(grid, out) -> None:  # type: ignore[no-untyped-def]
+    """Light at each pixel from a grid of it; `out` (H, W) begins where the grid does."""
     for row in range(out.shape[0]):
-        y = min(max((first_row + row) / GRID_STEP_PX, 0.0), light.shape[0] - 1.001)
-        j = int(y)
-        fy = y - j
+        j = row // GRID_STEP_PX
+        fy = (row - j * GRID_STEP_PX) / GRID_STEP_PX
         for col in range(out.shape[1]):
-            x = min(max((first_col + col) / GRID_STEP_PX, 0.0), light.shape[1] - 1.001)
-            i = int(x)
-            fx = x - i
-            above = (1.0 - fx) * light[j, i] + fx * light[j, i + 1]
-            below = (1.0 - fx) * light[j + 1, i] + fx * light[j + 1, i + 1]
+            i = col // GRID_STEP_PX
+            fx = (col - i * GRID_STEP_PX) / GRID_STEP_PX
+            above = (1.0 - fx) * grid[j, i] + fx * grid[j, i + 1]
+            below = (1.0 - fx) * grid[j + 1, i] + fx * grid[j + 1, i + 1]
             out[row, col] = (1.0 - fy) * above + fy * below

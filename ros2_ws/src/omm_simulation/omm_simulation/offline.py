@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from omm_core.geometry import RigidTransform
 
+from omm_core.geometry import RigidTransform
 from omm_simulation.camera import SimulatedCamera
 from omm_simulation.cell import Cell
 from omm_simulation.control import ControlState, SimulatedControl
@@ -176,7 +176,9 @@ class _Trigger:
         poses = self._camera.exposure_poses(self._control.true_machine_T_spindle, stamp_ns)
         if request in self._faults.stale and self._last is not None:
             poses = self._last.true_machine_T_spindle
-        image = self._camera.image(poses, frame=request, bits=self._bits, noise=self._noise)
+        image: NDArray[Any] = self._camera.image(
+            poses, frame=request, bits=self._bits, noise=self._noise
+        )
         if self._faults.mirrored:
             image = np.ascontiguousarray(image[:, ::-1])
         return ImageMessage(

@@ -9,6 +9,7 @@ from typing import TypeAlias
 import numba
 import numpy as np
 from numpy.typing import NDArray
+
 from omm_core.errors import InputError
 from omm_core.lens import BrownPhotogrammetric, Lens, PlumbBob
 

@@ -1,13 +1,13 @@
-"""What lies before the camera: the plate, the targets on it, and bright reflections between them."""
+"""What lies before the camera: the plate, the targets on it, and bright reflections between."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
 from omm_core.geometry import RigidTransform
 from omm_core.part import Part
 from omm_core.targets.families import TargetFamily
-
 from omm_simulation.cell import Cell, random_stream
 from omm_simulation.metal import Metal, machined_plate
 
@@ -76,7 +76,7 @@ def scene_of(cell: Cell) -> Scene:
     ).rotation[:, 2]
     normals = _normals(cell.true_part, towards_camera)
     part_T_plate = RigidTransform(
-        rotation=_axes(_unit(normals.mean(axis=0)), 0.0),
+        rotation=_axes(_plate_normal(cell.true_part, normals), 0.0),
         translation_mm=np.mean([t.xyz_mm for t in cell.true_part.targets], axis=0),
     )
     targets = tuple(
@@ -102,10 +102,19 @@ def scene_of(cell: Cell) -> Scene:
 
 
 def _normals(part: Part, towards_camera: Floats) -> Floats:
-    """The targets' normals, (N, 3) in the part frame; out of the surface, whatever the file says."""
+    """The targets' normals, (N, 3) in the part frame; out of the surface, whatever the file's."""
     normals = [part.normal_of(target) for target in part.targets]
     told = [towards_camera if normal is None else normal for normal in normals]
     return np.array([normal if normal @ towards_camera > 0 else -normal for normal in told])
+
+
+def _plate_normal(part: Part, normals: Floats) -> Floats:
+    """Of the plane through the targets, where they span one."""
+    mean = _unit(normals.mean(axis=0))
+    spanned = part.plane_normal()
+    if spanned is None:
+        return mean
+    return spanned if spanned @ mean > 0 else -spanned
 
 
 def _axes(normal: Floats, angle_rad: float) -> Floats:

@@ -21,6 +21,7 @@ from collections.abc import Callable
 import numba
 import numpy as np
 from numpy.typing import NDArray
+
 from omm_core.targets.families import TargetFamily
 
 Floats = NDArray[np.float64]

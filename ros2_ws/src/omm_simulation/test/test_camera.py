@@ -2,8 +2,10 @@
 
 import dataclasses
 
+import cv2
 import numpy as np
 import pytest
+
 from omm_core.geometry import RigidTransform, spindle_T_taper
 from omm_core.targets.families import smallest_rotation
 from omm_simulation.camera import SimulatedCamera
@@ -111,7 +113,7 @@ def test_the_dot_is_imaged_where_the_core_projects_it(cell, model, tilt_deg, sto
     rows, cols = np.mgrid[first[1] : last[1] + 1, first[0] : last[0] + 1].astype(float)
     x, y = (cols - expected[0]) / 40, (rows - expected[1]) / 40
     terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
-    whole = window > 0.97 * window.max()
+    whole = cv2.erode((window > 0.8 * window.max()).astype(np.uint8), np.ones((9, 9))) > 0
     light = terms @ np.linalg.lstsq(terms[whole], window[whole], rcond=None)[0]
     cover = window / light
     centre = np.array([np.sum(cover * cols), np.sum(cover * rows)]) / np.sum(cover)
@@ -188,7 +190,7 @@ def test_16_bits_say_the_same_as_8_more_finely(cell, camera):
     coarse, fine = (camera.image(pose, frame=4, bits=bits) for bits in (8, 16))
     assert (coarse.dtype, fine.dtype) == (np.uint8, np.uint16)
     assert coarse.shape == fine.shape == (1944, 2592)
-    unclipped = coarse > 0  # below black both are cut off
+    unclipped = (coarse > 0) & (coarse < 255)
     assert np.abs(fine[unclipped] / 256.0 - coarse[unclipped]).max() <= 0.51
     bare = camera.image(pose, frame=0, noise=False)
     assert np.abs(bare - np.clip(camera.ideal(pose), 0, 255)).max() <= 0.501
@@ -225,26 +227,25 @@ def test_a_resting_spindle_makes_a_sharp_image_and_a_moving_one_smears(cell, cam
         np.mean([p.translation_mm for p in poses], axis=0), pose.translation_mm, atol=1e-9
     )
 
-    centre, low, high = (v.round().astype(int) for v in projected_dot(cell, 0))
+    _, low, high = (v.round().astype(int) for v in projected_dot(cell, 0))
+    brighter, darker = (SimulatedCamera(changed(cell, target_dn=dn)) for dn in (205.0, 105.0))
 
-    def second_moment(image):
-        room = 12
-        window = image[low[1] - room : high[1] + room, low[0] - room : high[0] + room] - 8.0
-        window = np.clip(window, 0, None)
-        cols = np.arange(window.shape[1])
-        weights = window.sum(axis=0)
+    def second_moment(poses):
+        film = brighter.ideal(poses).astype(float) - darker.ideal(poses)
+        weights = film[low[1] - 12 : high[1] + 12, low[0] - 12 : high[0] + 12].sum(axis=0)
+        cols = np.arange(len(weights))
         middle = np.sum(cols * weights) / weights.sum()
         return np.sum((cols - middle) ** 2 * weights) / weights.sum()
 
-    grown_px2 = second_moment(camera.ideal(poses)) - second_moment(camera.ideal(pose))
+    grown_px2 = second_moment(poses) - second_moment(pose)
     focal_px = cell.scenario.calibration.lens.principal_distance_px
     smear_px = focal_px * smear_mm / cell.scenario.program.distance_mm
     # A box of length L adds L²/12 (its n steps: (1 − 1/n²) of that).
-    assert grown_px2 == pytest.approx(smear_px**2 / 12, rel=0.12)
+    assert grown_px2 == pytest.approx(smear_px**2 / 12 * (1 - len(poses) ** -2), rel=0.1)
 
 
 def test_reflections_touch_no_label():
-    for seed in range(20):
+    for seed in range(4):
         scene = scene_of(draw(load_scenario("industrial"), seed))
         machine_T_plate = scene.machine_T_plate
         for spot in scene.reflections:
@@ -267,7 +268,7 @@ def test_a_camera_that_looks_away_sees_nothing(cell, camera):
 def test_a_camera_between_targets_sees_the_plate_alone(cell, camera):
     pose = pose_at_stop(cell, 0)
     between = RigidTransform(
-        rotation=pose.rotation, translation_mm=pose.translation_mm + [700.0, 400.0, 0.0]
+        rotation=pose.rotation, translation_mm=pose.translation_mm + np.array([700.0, 400.0, 0])
     )
     plate = camera.ideal(between)
     assert plate.max() < 120.0

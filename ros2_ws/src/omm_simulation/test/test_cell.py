@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 import yaml
+
 from omm_core.calibration import load_calibration
 from omm_core.errors import InputError
 from omm_core.part import load_part

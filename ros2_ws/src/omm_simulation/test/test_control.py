@@ -1,9 +1,11 @@
 """Laws of the simulated control and its machine."""
 
 import dataclasses
+from itertools import pairwise
 
 import numpy as np
 import pytest
+
 from omm_simulation.cell import draw
 from omm_simulation.control import ProgramState, SimulatedControl
 from omm_simulation.scenario import load_scenario
@@ -41,7 +43,7 @@ def measured(cell):
 
 def test_the_program_asks_for_an_image_at_every_stop_in_order(cell, measured):
     states, _ = measured
-    asked = [s for before, s in zip(states, states[1:])
+    asked = [s for before, s in pairwise(states)
              if s.measure_requested and not before.measure_requested]  # fmt: skip
     assert [s.measure_request for s in asked] == list(range(1, len(cell.stops) + 1))
     for state, stop in zip(asked, cell.stops):
@@ -63,7 +65,7 @@ def test_the_axes_have_settled_and_the_spindle_is_still_when_an_image_is_asked_f
 def test_in_position_precedes_settling(measured):
     """As measured on LinuxCNC: the flag follows the command, not the machine."""
     states, _ = measured
-    arrivals = [s for before, s in zip(states, states[1:])
+    arrivals = [s for before, s in pairwise(states)
                 if s.in_position and not before.in_position]  # fmt: skip
     off_mm = [np.abs(s.axis_positions_mm - s.axis_commanded_mm).max() for s in arrivals]
     assert len(arrivals) >= 8

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from omm_simulation.camera import SimulatedCamera
 from omm_simulation.cell import draw
 from omm_simulation.offline import Faults, ImageMessage, PoseMessage, run
