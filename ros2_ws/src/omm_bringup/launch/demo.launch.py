@@ -3,7 +3,6 @@
 import time
 from pathlib import Path
 
-from launch import LaunchDescription
 from launch.actions import (
     DeclareLaunchArgument,
     EmitEvent,
@@ -16,6 +15,7 @@ from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from launch import LaunchDescription
 from omm_bringup.cell import CAMERAS, CONTROLS, simulated_cell
 from omm_simulation.cell import draw, write_estimator_files
 from omm_simulation.scenario import load_scenario
@@ -58,7 +58,7 @@ def _nodes(context):  # type: ignore[no-untyped-def]
         )
         for spec in specs
     ]
-    # The operator's view presses cycle start when all are there, and ends when the part is measured.
+    # The operator presses cycle start when all are there, and ends when the part is measured.
     operator = Node(
         package="omm_bringup",
         executable="operator_node",

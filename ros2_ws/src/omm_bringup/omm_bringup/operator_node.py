@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable
 
 import rclpy
+from omm_interfaces.msg import PartEstimate
 from rclpy.client import Client
 from rclpy.node import Node
 from rich.console import Console
@@ -12,7 +13,6 @@ from std_srvs.srv import Trigger
 from omm_bringup.operator_view import OperatorView
 from omm_bringup.report import estimate_table
 from omm_core.errors import MeasurementError
-from omm_interfaces.msg import PartEstimate
 from omm_ros import transport
 
 _READY_S = 30.0

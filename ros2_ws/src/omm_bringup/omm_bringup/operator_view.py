@@ -2,13 +2,13 @@
 
 from dataclasses import dataclass, field
 
+from omm_interfaces.msg import PartEstimate, SpindleState
 from rclpy.node import Node
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from omm_interfaces.msg import PartEstimate, SpindleState
 from omm_ros import qos
 
 _PROGRAM_WORDS = {

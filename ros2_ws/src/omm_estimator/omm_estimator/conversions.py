@@ -24,20 +24,20 @@ from omm_ros.conversions import MM_PER_M, pose_from_transform, time_from_ns, tra
 
 Array = NDArray[np.float64]
 
-# θ = (α, β, γ, x, y, z, γ_s): from mm to m where it is a length.
-_TO_SI = np.array([1.0, 1.0, 1.0, 1 / MM_PER_M, 1 / MM_PER_M, 1 / MM_PER_M, 1.0])
+# θ = (α, β, γ, x, y, z, γ_s): what a metre or a radian is in the core's units.
+_UNIT = np.array([1.0, 1.0, 1.0, MM_PER_M, MM_PER_M, MM_PER_M, 1.0])
 
 
 def theta_si(result: MeasurementResult) -> Array:
     """θ in rad and m; NaN where it is not determined."""
-    return np.asarray(result.solution.theta) * _TO_SI if result.determined else np.full(7, np.nan)
+    return np.asarray(result.solution.theta) / _UNIT if result.determined else np.full(7, np.nan)
 
 
 def covariance_si(result: MeasurementResult) -> Array:
     """Covariance of θ, (7, 7), rad and m."""
     if not result.determined:
         return np.full((7, 7), np.nan)
-    return np.asarray(result.solution.covariance) * np.outer(_TO_SI, _TO_SI)
+    return np.asarray(result.solution.covariance) / np.outer(_UNIT, _UNIT)
 
 
 def machine_T_part(result: MeasurementResult) -> RigidTransform:
