@@ -226,7 +226,7 @@ def main(args: list[str] | None = None) -> int:
         made.append(RecorderNode())
         return made[0]
 
-    status = run_node(make, args)
+    status = run_node(make, args, threads=1)
     return status or int(bool(made) and made[0].failed)
 
 

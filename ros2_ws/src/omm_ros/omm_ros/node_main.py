@@ -4,7 +4,11 @@ import sys
 from collections.abc import Callable
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import (
+    ExternalShutdownException,
+    MultiThreadedExecutor,
+    SingleThreadedExecutor,
+)
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.node import Node
 
@@ -32,7 +36,9 @@ def run_node(
     executor = None
     try:
         node = make()
-        executor = MultiThreadedExecutor(num_threads=threads)
+        # One thread needs no pool, and handing a message to one costs as much as taking it.
+        one = threads == 1
+        executor = SingleThreadedExecutor() if one else MultiThreadedExecutor(num_threads=threads)
         executor.add_node(node)
         if isinstance(node, LifecycleNode):
             _autostart(node)
