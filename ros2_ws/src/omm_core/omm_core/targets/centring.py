@@ -55,6 +55,33 @@ def _ring_share(u, v, rho, length, inner, s, bits, phase):  # type: ignore[no-un
 
 
 @numba.njit(cache=True)
+def _window(image, start, widest, inside_most, inner):  # type: ignore[no-untyped-def]
+    """Pixels around the dot's edge, (N, 2) col, row: from deep inside to well before the ring."""
+    height, width = image.shape
+    x0, y0, xx, xy, yy = start[0], start[1], start[2], start[3], start[4]
+    a11, a12, a22 = square_root(xx, xy, yy)
+    reach_x = math.sqrt(a11 * a11 + a12 * a12) + widest
+    reach_y = math.sqrt(a12 * a12 + a22 * a22) + widest
+    c_lo, c_hi = max(int(x0 - reach_x), 0), min(int(x0 + reach_x) + 2, width)
+    r_lo, r_hi = max(int(y0 - reach_y), 0), min(int(y0 + reach_y) + 2, height)
+    pixels = np.empty((max(r_hi - r_lo, 0) * max(c_hi - c_lo, 0), 2), dtype=np.int64)
+    count = 0
+    for row in range(r_lo, r_hi):
+        wy = row - y0
+        for col in range(c_lo, c_hi):
+            wx = col - x0
+            hx, hy = xx * wx + xy * wy, xy * wx + yy * wy
+            rho = math.sqrt(wx * hx + wy * hy) + 1e-12
+            length = rho / (math.sqrt(hx * hx + hy * hy) + 1e-12)
+            d = (rho - 1.0) * length
+            if d < -inside_most or d > widest or (d > 1.0 and d > 0.6 * (inner - 1.0) * length):
+                continue
+            pixels[count, 0], pixels[count, 1] = col, row
+            count += 1
+    return pixels[:count]
+
+
+@numba.njit(cache=True, fastmath=True)
 def fit_dot(image, start, sign, inner, bits, phase, read, gain, saturation, prior, prior_mean,
             p, covariance, statistics):  # type: ignore[no-untyped-def]  # fmt: skip
     """Fit the model of the module's docstring.
@@ -75,7 +102,6 @@ def fit_dot(image, start, sign, inner, bits, phase, read, gain, saturation, prio
     -------
     Whether the fit converged.
     """
-    height, width = image.shape
     x0, y0 = start[0], start[1]
     a11, a12, a22 = square_root(start[2], start[3], start[4])
     r0 = math.sqrt(a11 * a22 - a12 * a12)
@@ -87,85 +113,75 @@ def fit_dot(image, start, sign, inner, bits, phase, read, gain, saturation, prio
     g = np.zeros(n)
     converged = False
     widest = 4.0 * s_start + 4.0
-    c_lo, c_hi = max(int(x0 - reach - widest - 1), 0), min(int(x0 + reach + widest + 2), width)
-    r_lo, r_hi = max(int(y0 - reach - widest - 1), 0), min(int(y0 + reach + widest + 2), height)
-    inside_most = 4.0 * s_start + 8.0
-    sxx, sxy, syy = start[2], start[3], start[4]
+    pixels = _window(image, start, widest, 4.0 * s_start + 8.0, inner)
     for turn in range(9):
         normal[:] = 0.0
         right[:] = 0.0
         statistics[:] = 0.0
         s = p[5]
         det = p[2] * p[4] - p[3] * p[3]
-        for row in range(r_lo, r_hi):
-            # The window stays where the start put it: every turn sees the same pixels.
-            wy = row - y0
-            for col in range(c_lo, c_hi):
-                wx = col - x0
-                q0 = sxx * wx * wx + 2 * sxy * wx * wy + syy * wy * wy
-                rho0 = math.sqrt(q0) + 1e-12
-                h0, h1 = sxx * wx + sxy * wy, sxy * wx + syy * wy
-                pixel_length = rho0 / (math.sqrt(h0 * h0 + h1 * h1) + 1e-12)
-                d0 = (rho0 - 1.0) * pixel_length
-                if d0 < -inside_most or d0 > widest:
-                    continue
-                if d0 > 0.6 * (inner - 1.0) * pixel_length and d0 > 1.0:
-                    continue
-                dx, dy = col - p[0], row - p[1]
-                mx, my = p[2] * dx + p[3] * dy, p[3] * dx + p[4] * dy
-                rho = math.sqrt(dx * mx + dy * my) + 1e-12
-                norm = math.sqrt(mx * mx + my * my) + 1e-12
-                length = rho / norm
-                d = (rho - 1.0) * length
-                tx, ty = wx / r0, wy / r0
-                f = p[6] + p[7] * tx + p[8] * ty
-                b = p[9] + p[10] * tx + p[11] * ty
-                near = rho > 0.3
-                if near:
-                    on_edge = norm / rho
-                    d += 0.5 * s * s * det / (on_edge * on_edge * on_edge)
-                z = -d / s
-                value = image[row, col] + 0.0
-                if z > 4.5 or not near:
-                    share, slope = 1.0, 0.0
-                elif z < -4.5:
-                    share, slope = 0.0, 0.0
-                else:
-                    share, slope = _phi(z), math.exp(-0.5 * z * z) * 0.3989422804014327
-                ring = 0.0
-                if d > 0.0:
-                    i = a11 * a22 - a12 * a12
-                    u, v = (a22 * dx - a12 * dy) / i, (a11 * dy - a12 * dx) / i
-                    ring = _ring_share(u, v, rho, length, inner, s, bits, phase)
-                share += ring
-                model = b + (f - b) * share
-                variance = read + gain * max(model, 0.0)
-                sigma = math.sqrt(variance)
-                if model > saturation - 2.0 * sigma and value > saturation - 4.5 * sigma:
-                    continue
-                residual = value - model
-                w = 1.0 / variance
-                half = 0 if share > 0.5 else 2
-                statistics[half] += 1.0
-                statistics[half + 1] += residual * residual
-                statistics[4] += residual * residual * w
-                statistics[5] += 1.0
-                g[6], g[7], g[8] = share, share * tx, share * ty
-                g[9], g[10], g[11] = 1.0 - share, (1.0 - share) * tx, (1.0 - share) * ty
-                first = 6
-                if slope != 0.0:
-                    first = 0
-                    edge = (f - b) * slope / s
-                    g[0], g[1] = edge * mx / norm, edge * my / norm
-                    g[2] = -edge * 0.5 * dx * dx / norm
-                    g[3] = -edge * dx * dy / norm
-                    g[4] = -edge * 0.5 * dy * dy / norm
-                    g[5] = edge * d / s
-                for j in range(first, n):
-                    wg = w * g[j]
-                    right[j] += wg * residual
-                    for k in range(first, j + 1):
-                        normal[j, k] += wg * g[k]
+        # The window stays where the start put it: every turn sees the same pixels.
+        for index in range(len(pixels)):
+            col, row = pixels[index, 0], pixels[index, 1]
+            dx, dy = col - p[0], row - p[1]
+            mx, my = p[2] * dx + p[3] * dy, p[3] * dx + p[4] * dy
+            rho = math.sqrt(dx * mx + dy * my) + 1e-12
+            norm = math.sqrt(mx * mx + my * my) + 1e-12
+            length = rho / norm
+            d = (rho - 1.0) * length
+            tx, ty = (col - x0) / r0, (row - y0) / r0
+            f = p[6] + p[7] * tx + p[8] * ty
+            b = p[9] + p[10] * tx + p[11] * ty
+            near = rho > 0.3
+            if near:
+                on_edge = norm / rho
+                d += 0.5 * s * s * det / (on_edge * on_edge * on_edge)
+            z = -d / s
+            value = image[row, col] + 0.0
+            if z > 4.5 or not near:
+                share, slope = 1.0, 0.0
+            elif z < -4.5:
+                share, slope = 0.0, 0.0
+            else:
+                share, slope = _phi(z), math.exp(-0.5 * z * z) * 0.3989422804014327
+            ring = 0.0
+            if d > 0.0:
+                i = a11 * a22 - a12 * a12
+                u, v = (a22 * dx - a12 * dy) / i, (a11 * dy - a12 * dx) / i
+                ring = _ring_share(u, v, rho, length, inner, s, bits, phase)
+            share += ring
+            model = b + (f - b) * share
+            variance = read + gain * max(model, 0.0)
+            sigma = math.sqrt(variance)
+            if model > saturation - 2.0 * sigma and value > saturation - 4.5 * sigma:
+                continue
+            residual = value - model
+            w = 1.0 / variance
+            half = 0 if share > 0.5 else 2
+            statistics[half] += 1.0
+            statistics[half + 1] += residual * residual
+            statistics[4] += residual * residual * w
+            statistics[5] += 1.0
+            g[6], g[7], g[8] = share, share * tx, share * ty
+            g[9], g[10], g[11] = 1.0 - share, (1.0 - share) * tx, (1.0 - share) * ty
+            first, behind = 6, n
+            if share == 1.0:
+                behind = 9
+            elif share == 0.0:
+                first = 9
+            if slope != 0.0:
+                first = 0
+                edge = (f - b) * slope / s
+                g[0], g[1] = edge * mx / norm, edge * my / norm
+                g[2] = -edge * 0.5 * dx * dx / norm
+                g[3] = -edge * dx * dy / norm
+                g[4] = -edge * 0.5 * dy * dy / norm
+                g[5] = edge * d / s
+            for j in range(first, behind):
+                wg = w * g[j]
+                right[j] += wg * residual
+                for k in range(first, j + 1):
+                    normal[j, k] += wg * g[k]
         for j in range(4):
             a = 7 + j if j < 2 else 8 + j
             for k in range(4):
@@ -210,9 +226,9 @@ def fit_dot(image, start, sign, inner, bits, phase, read, gain, saturation, prio
         covariance[0, 0] = inverse[0, 0] * scale[0] * scale[0]
         covariance[0, 1] = covariance[1, 0] = inverse[0, 1] * scale[0] * scale[1]
         covariance[1, 1] = inverse[1, 1] * scale[1] * scale[1]
-        if turn > 0 and factor == 1.0:
-            # Far below the noise: a hundredth of the standard deviation.
-            limit = 1e-4 * (covariance[0, 0] + covariance[1, 1]) + 1e-10
+        if factor == 1.0:
+            # Far below the noise; what is left is again a tenth of the last step.
+            limit = 4e-4 * (covariance[0, 0] + covariance[1, 1]) + 1e-10
             if move * move < limit:
                 converged = True
                 break

@@ -31,10 +31,13 @@ MAX_SECTOR_ERROR = 0.28
 """How far a sector may be off what dot, blur and bits let expect."""
 MAX_PROFILE_RMS = 0.17
 """The same for the root mean square around the ring."""
-MIN_RADIUS_PX = 2.2
+MIN_RADIUS_PX = 1.8
 """Smaller semi-axis from which on a ring can be read."""
 MAX_MISFIT = 4.0
-"""χ² per degree of freedom from which on something else than noise is on the dot."""
+"""χ² per degree of freedom from which on it is not noise alone; the covariance grows with it."""
+MAX_RESIDUAL = 0.06
+"""RMS of the residuals, of the contrast, from which on something lies on the dot. Below, misfit
+comes from what the camera does to edges (sharpening, JPEG), which is the same on all sides."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -160,11 +163,12 @@ def _surroundings(
     gap = np.array([1.0 + 0.5 * (inner - 1.0)])
     if np.abs(profile(gap)).max() > 0.45:
         return "something lies between dot and ring"
+    turns = (np.arange(count) + 0.5) / SAMPLES - phase_rad * family.bits / (2.0 * math.pi)
+    is_set = bits[np.floor(turns).astype(np.int64) % family.bits] == 1
     for radius in (inner - 0.3, outer + 0.35):
         at = np.array([radius])
         seen = profile(at)
         expected = expected_profile(*root, inner, outer, bits, phase_rad, s, at, count)
-        is_set = expected_profile(*root, 0.0, 9.0, bits, phase_rad, 0.3, at, count) > 0.5
         excess = (seen - expected)[is_set]
         excess = excess[np.isfinite(excess)]
         if excess.size and np.mean(excess > 0.4) > 0.35:
@@ -181,15 +185,57 @@ def centre_of_outline(reading: Reading) -> dict[str, Any]:
 def centre_all(
     image: NDArray[Any], family: TargetFamily, readings: list[Reading], saturation: float
 ) -> list[dict[str, Any]]:
-    """Fit all dots: once to learn the noise, once more with it."""
-    read, gain = 4.0, 0.0
-    fits = [_fit(image, family, r, read, gain, saturation, None) for r in readings]
-    read, gain = _noise([fit for fit in fits if fit is not None])
-    outcomes = []
-    for reading, fit in zip(readings, fits, strict=True):
-        again = None if fit is None else _fit(image, family, reading, read, gain, saturation, fit[0])
-        outcomes.append(_judge(reading, again))
-    return outcomes
+    """Learn light and noise from the areas of all rings, then fit all dots."""
+    lights = [_ring_light(image, family, reading, saturation) for reading in readings]
+    read, gain = _noise([plane for light in lights for plane in light if plane is not None])
+    return [
+        _judge(reading, _fit(image, family, reading, read, gain, saturation, light))
+        for reading, light in zip(readings, lights, strict=True)
+    ]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Plane:
+    """Plane of grey values through areas of a ring: its slopes per dot radius.
+
+    Attributes
+    ----------
+    inverse : (2, 2) covariance of the slopes for a variance of 1.
+    """
+
+    level: float
+    slopes: Floats
+    inverse: Floats
+    variance: float
+    pixels: float
+
+
+def _ring_light(
+    image: NDArray[Any], family: TargetFamily, reading: Reading, saturation: float
+) -> tuple[_Plane | None, _Plane | None]:
+    """Planes through the ring's set areas and through its clear ones."""
+    s = max(float(reading.outline[8]), 0.35)
+    normal, right, squares, count = ring_light(
+        image, reading.outline, 0.0, 0.0, family.ring_inner_ratio, family.ring_outer_ratio,
+        reading.bits, reading.phase_rad, s, saturation,
+    )  # fmt: skip
+    planes: list[_Plane | None] = []
+    for kind in (0, 1):
+        plane = None
+        if count[kind] >= 12 and np.linalg.cond(normal[kind]) < 1e6:
+            inverse = np.linalg.inv(normal[kind])
+            solution = inverse @ right[kind]
+            # float64 holds sums of squares of 16-bit values exactly enough: 2^32 * 2^16 < 2^53.
+            rest = max(float(squares[kind] - solution @ right[kind]), 0.0)
+            plane = _Plane(
+                level=float(solution[0]),
+                slopes=solution[1:],
+                inverse=inverse[1:, 1:],
+                variance=max(rest / (count[kind] - 3.0), 1.0 / 12.0),
+                pixels=float(count[kind]) - 3.0,
+            )
+        planes.append(plane)
+    return planes[0], planes[1]
 
 
 def _fit(
@@ -199,83 +245,52 @@ def _fit(
     read: float,
     gain: float,
     saturation: float,
-    start: Floats | None,
+    light: tuple[_Plane | None, _Plane | None],
 ) -> tuple[Floats, Floats, Floats] | None:
     """Parameters, covariance and statistics of `centring.fit_dot`, or None."""
     shape = reading.outline
-    inner, outer = family.ring_inner_ratio, family.ring_outer_ratio
-    s = max(float(shape[8]), 0.35)
-    prior, mean = _light_prior(image, family, reading, read, gain, saturation, s)
-    if start is None:
-        p = np.zeros(PARAMETERS)
-        p[:5] = shape[:5]
-        p[5] = s
-        p[6], p[9] = shape[5], shape[6]
-        p[[7, 8, 10, 11]] = mean
-    else:
-        p = start.copy()
+    prior, mean = _light_prior(reading, light, read, gain)
+    p = np.zeros(PARAMETERS)
+    p[:5] = shape[:5]
+    p[5] = max(float(shape[8]), 0.35)
+    p[6], p[9] = shape[5], shape[6]
+    p[[7, 8, 10, 11]] = mean
     covariance, statistics = np.zeros((2, 2)), np.zeros(6)
-    ok = fit_dot(image, shape, reading.sign, inner, reading.bits, reading.phase_rad, read, gain,
-                 saturation, prior, mean, p, covariance, statistics)  # fmt: skip
-    del outer
+    ok = fit_dot(image, shape, reading.sign, family.ring_inner_ratio, reading.bits,
+                 reading.phase_rad, read, gain, saturation, prior, mean, p, covariance,
+                 statistics)  # fmt: skip
     return (p, covariance, statistics) if ok else None
 
 
 def _light_prior(
-    image: NDArray[Any],
-    family: TargetFamily,
-    reading: Reading,
-    read: float,
-    gain: float,
-    saturation: float,
-    s: float,
+    reading: Reading, light: tuple[_Plane | None, _Plane | None], read: float, gain: float
 ) -> tuple[Floats, Floats]:
-    """Information and mean of the slopes of F and B, from the areas of the ring."""
-    shape = reading.outline
-    normal, right, squares, count = ring_light(
-        image, shape, 0.0, 0.0, family.ring_inner_ratio, family.ring_outer_ratio,
-        reading.bits, reading.phase_rad, s, saturation,
-    )  # fmt: skip
-    r = reading.radius_px
-    contrast = abs(shape[5] - shape[6])
+    """Information (4, 4) and mean (4,) of the slopes of F and B, from the areas of the ring."""
+    shape, r = reading.outline, reading.radius_px
+    contrast = abs(float(shape[5] - shape[6]))
     # Light bends: over a ring of r px its slope is uncertain by 2e-6 r² per dot radius.
     bend = 2e-6 * r * r + 5e-4
     prior, mean = np.zeros((4, 4)), np.zeros(4)
-    for kind, level in ((0, shape[5]), (1, shape[6])):
-        loose = (0.1 * contrast) ** 2
+    for kind, plane in enumerate(light):
         block = slice(2 * kind, 2 * kind + 2)
-        prior[block, block] = np.eye(2) / loose
-        if count[kind] < 12 or np.linalg.cond(normal[kind]) > 1e6:
+        if plane is None:
+            prior[block, block] = np.eye(2) / (0.1 * contrast) ** 2
             continue
-        solution = np.linalg.solve(normal[kind], right[kind])
-        spread = max((squares[kind] - solution @ right[kind]) / (count[kind] - 3.0), 1.0 / 12.0)
-        variance = max(spread, read + gain * max(float(level), 0.0))
-        covariance = np.linalg.inv(normal[kind])[1:, 1:] * variance
-        covariance += np.eye(2) * (bend * max(abs(float(level)), contrast)) ** 2
-        prior[block, block] = np.linalg.inv(covariance)
-        mean[block] = solution[1:]
+        variance = max(plane.variance, read + gain * max(plane.level, 0.0))
+        loose = (bend * max(abs(plane.level), contrast)) ** 2
+        prior[block, block] = np.linalg.inv(plane.inverse * variance + np.eye(2) * loose)
+        mean[block] = plane.slopes
     return prior, mean
 
 
-def _noise(fits: list[tuple[Floats, Floats, Floats]]) -> tuple[float, float]:
-    """Variance of a grey value I as read + gain I, from the residuals of all fits."""
-    levels, variances, weights = [], [], []
-    for p, _, statistics in fits:
-        total = statistics[0] + statistics[2]
-        for pixels, squares, level in (
-            (statistics[0], statistics[1], p[6]),
-            (statistics[2], statistics[3], p[9]),
-        ):
-            free = pixels * (1.0 - PARAMETERS / max(total, PARAMETERS + 1.0))
-            if free < 8:
-                continue
-            levels.append(max(float(level), 0.0))
-            variances.append(squares / free)
-            weights.append(free)
-    if not levels:
+def _noise(planes: list[_Plane]) -> tuple[float, float]:
+    """Variance of a grey value I as read + gain I, from the scatter about all planes."""
+    if not planes:
         return 4.0, 0.0
-    # Residuals hold what disturbs single dots, too: start from the quieter half.
-    x, v, w = np.array(levels), np.array(variances), np.array(weights)
+    x = np.array([max(plane.level, 0.0) for plane in planes])
+    v = np.array([plane.variance for plane in planes])
+    w = np.array([plane.pixels for plane in planes])
+    w = w / np.maximum(v, 1e-3)
     gain = 0.0
     mean_x, mean_v = np.average(x, weights=w), np.average(v, weights=w)
     spread = np.average((x - mean_x) ** 2, weights=w)
@@ -296,7 +311,8 @@ def _judge(reading: Reading, fit: tuple[Floats, Floats, Floats] | None) -> dict[
     p, covariance, statistics = fit
     free = max(float(statistics[5]) - PARAMETERS, 1.0)
     misfit = float(statistics[4]) / free
-    if misfit > MAX_MISFIT:
+    residual = math.sqrt((statistics[1] + statistics[3]) / (free + PARAMETERS))
+    if misfit > MAX_MISFIT and residual > MAX_RESIDUAL * abs(p[6] - p[9]):
         return _refused(shape, "something lies on the dot or shines on it: "
                         "its centre cannot be trusted")  # fmt: skip
     if misfit > 1.0 + 3.0 * math.sqrt(2.0 / free):

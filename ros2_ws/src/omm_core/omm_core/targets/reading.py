@@ -8,7 +8,7 @@ import numba
 import numpy as np
 
 OUTLINE_RAYS = 48
-SAMPLES = 16
+SAMPLES = 8
 """Samples of the ring per sector."""
 
 
@@ -180,6 +180,15 @@ def read_bits(profile, bits):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
+def _phi(z):  # type: ignore[no-untyped-def]
+    if z > 4.0:
+        return 1.0
+    if z < -4.0:
+        return 0.0
+    return 0.5 * (1.0 + math.erf(z * 0.7071067811865476))
+
+
+@numba.njit(cache=True)
 def expected_profile(a11, a12, a22, inner, outer, bits, phase, s, radii, count):  # type: ignore[no-untyped-def]
     """What `ring_profile` should show of the bits: 0 to 1, with the blur s (px).
 
@@ -188,7 +197,6 @@ def expected_profile(a11, a12, a22, inner, outer, bits, phase, s, radii, count):
     n = len(bits)
     pitch = 2.0 * math.pi / n
     det = a11 * a22 - a12 * a12
-    root2 = math.sqrt(2.0)
     profile = np.empty(count)
     for i in range(count):
         angle = 2 * math.pi * (i + 0.5) / count
@@ -201,14 +209,14 @@ def expected_profile(a11, a12, a22, inner, outer, bits, phase, s, radii, count):
         mean_radius = 0.0
         for j in range(len(radii)):
             z_in, z_out = (radii[j] - inner) * across / s, (radii[j] - outer) * across / s
-            radial += 0.5 * (math.erf(z_in / root2) - math.erf(z_out / root2)) / len(radii)
+            radial += (_phi(z_in) - _phi(z_out)) / len(radii)
             mean_radius += radii[j] / len(radii)
         turn = (angle - phase) / pitch
         k = int(math.floor(turn))
-        scale = pitch * mean_radius * side / s / root2
+        scale = pitch * mean_radius * side / s
         value = 0.0
         for m in range(k - 2, k + 3):
             if bits[m % n]:
-                value += 0.5 * (math.erf((turn - m) * scale) - math.erf((turn - m - 1) * scale))
+                value += _phi((turn - m) * scale) - _phi((turn - m - 1) * scale)
         profile[i] = value * radial
     return profile

@@ -14,6 +14,8 @@ import numba
 import numpy as np
 
 RAYS = 16
+_COS = np.cos(2 * np.pi * np.arange(48) / 48)
+_SIN = np.sin(2 * np.pi * np.arange(48) / 48)
 
 
 @numba.njit(cache=True)
@@ -32,7 +34,9 @@ def find_dots(half, step, contrast, max_run, gap_ratio, read_ratio, found):  # t
     height, width = half.shape
     seen = np.zeros(((height >> 1) + 2, (width >> 1) + 2), dtype=np.uint8)
     count = 0
+    least_step, least_contrast = step, contrast
     for y in range(2, height - 2):
+        edges = 0
         strong, strong_x = 0, -1
         last, last_x = 0, -1
         peak, peak_x = 0, -1
@@ -46,6 +50,7 @@ def find_dots(half, step, contrast, max_run, gap_ratio, read_ratio, found):  # t
                     peak, peak_x = d, x
                 continue
             if peak != 0:
+                edges += 1
                 if (last > 0) != (peak > 0) and last != 0:
                     w = peak_x - last_x
                     if 2 <= w <= max_run:
@@ -64,6 +69,12 @@ def find_dots(half, step, contrast, max_run, gap_ratio, read_ratio, found):  # t
                 peak, peak_x = d, x
             else:
                 peak = 0
+        # On rough ground more must be asked of an edge, up to twice as much.
+        if edges > width >> 4:
+            step = min(step + 2, 2 * least_step)
+        else:
+            step = max(step - 1, least_step)
+        contrast = least_contrast * step // least_step
     return count
 
 
@@ -78,6 +89,11 @@ def _test_run(half, left, right, y, sign, contrast, gap_ratio, read_ratio, seen,
     if sign * (inside - outside) < contrast:
         return count
     level = (inside + outside) >> 1
+    # The gap beside the dot, in this row and then in the column.
+    away = int(0.5 * gap_ratio * (right - left) + 0.5)
+    for at in (x - away, x + away):
+        if 0 <= at < width and sign * (np.int64(half[y, at]) - level) > 0:
+            return count
     limit = 3 * (right - left) + 3
     up = 1
     while up <= limit and y - up >= 0 and sign * (np.int64(half[y - up, x]) - level) > 0:
@@ -90,6 +106,11 @@ def _test_run(half, left, right, y, sign, contrast, gap_ratio, read_ratio, seen,
         down += 1
     if down > most or y + down >= height or up > down + 2 + (down >> 2):
         return count
+    middle = y + ((down - up) >> 1)
+    away = int(0.5 * gap_ratio * (up + down) + 0.5)
+    for at in (middle - away, middle + away):
+        if 0 <= at < height and sign * (np.int64(half[at, x]) - level) > 0:
+            return count
     ok, col, row, xx, xy, yy = _ellipse(half, 0.5 * (left + right), y + 0.5 * (down - up), level,
                                         sign, limit)  # fmt: skip
     if not ok:
@@ -114,7 +135,7 @@ def _ellipse(half, col, row, level, sign, limit):  # type: ignore[no-untyped-def
     shift_x = shift_y = 0.0
     for turn in range(2):
         for i in range(RAYS):
-            c, s = math.cos(2 * math.pi * i / RAYS), math.sin(2 * math.pi * i / RAYS)
+            c, s = _COS[3 * i], _SIN[3 * i]
             before = sign * (half[int(row + 0.5), int(col + 0.5)] - level) + 0.0
             t = 0.0
             while True:
@@ -140,8 +161,8 @@ def _ellipse(half, col, row, level, sign, limit):  # type: ignore[no-untyped-def
                     return False, 0.0, 0.0, 0.0, 0.0, 0.0
         shift_x = shift_y = 0.0
         for i in range(RAYS):
-            shift_x += lengths[i] * math.cos(2 * math.pi * i / RAYS) * 2 / RAYS
-            shift_y += lengths[i] * math.sin(2 * math.pi * i / RAYS) * 2 / RAYS
+            shift_x += lengths[i] * _COS[3 * i] * 2 / RAYS
+            shift_y += lengths[i] * _SIN[3 * i] * 2 / RAYS
         if turn == 0:
             col += shift_x
             row += shift_y
@@ -153,13 +174,13 @@ def _ellipse(half, col, row, level, sign, limit):  # type: ignore[no-untyped-def
         mean = 0.5 * (lengths[i] + lengths[i + n])
         q = 1.0 / (mean * mean + 0.02)
         a += q / n
-        b += q * math.cos(4 * math.pi * i / RAYS) * 2 / n
-        c2 += q * math.sin(4 * math.pi * i / RAYS) * 2 / n
+        b += q * _COS[6 * i] * 2 / n
+        c2 += q * _SIN[6 * i] * 2 / n
     if a * a <= 1.05 * (b * b + c2 * c2):
         return False, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(n):
         mean = 0.5 * (lengths[i] + lengths[i + n])
-        q = a + b * math.cos(4 * math.pi * i / RAYS) + c2 * math.sin(4 * math.pi * i / RAYS)
+        q = a + b * _COS[6 * i] + c2 * _SIN[6 * i]
         if q <= 0.0 or abs(1.0 / math.sqrt(q) - mean) > 0.6 + 0.1 * mean:
             return False, 0.0, 0.0, 0.0, 0.0, 0.0
     return True, col, row, a + b, c2, a - b
@@ -169,20 +190,30 @@ def _ellipse(half, col, row, level, sign, limit):  # type: ignore[no-untyped-def
 def _ring_like(half, col, row, xx, xy, yy, level, sign, gap_ratio, read_ratio):  # type: ignore[no-untyped-def]
     """Is the gap clear, and is something set at the ring's radius?"""
     height, width = half.shape
-    wrong = 0
-    set_samples = 0
-    for i in range(48):
-        c, s = math.cos(2 * math.pi * i / 48), math.sin(2 * math.pi * i / 48)
-        r = 1.0 / math.sqrt(xx * c * c + 2 * xy * c * s + yy * s * s)
-        x, y = int(col + read_ratio * r * c + 0.5), int(row + read_ratio * r * s + 0.5)
-        if 0 <= x < width and 0 <= y < height and sign * (np.int64(half[y, x]) - level) > 0:
-            set_samples += 1
-        if i % 3 == 0:
-            x, y = int(col + gap_ratio * r * c + 0.5), int(row + gap_ratio * r * s + 0.5)
+    for ratio in (gap_ratio, 0.5):
+        total = squares = 0.0
+        for i in range(0, 48, 3):
+            c, s = _COS[i], _SIN[i]
+            r = ratio / math.sqrt(xx * c * c + 2 * xy * c * s + yy * s * s)
+            x, y = int(col + r * c + 0.5), int(row + r * s + 0.5)
             if not (0 <= x < width and 0 <= y < height):
                 return False
-            if sign * (np.int64(half[y, x]) - level) > 0:
-                wrong += 1
-                if wrong > 3:
-                    return False
+            v = half[y, x] + 0.0
+            total += v / 16
+            squares += v * v / 16
+        scatter = squares - total * total
+        if ratio == gap_ratio:
+            background = total
+            clear = scatter
+    dot = total
+    step = sign * (dot - background)
+    if step <= 0.0 or clear > (0.25 * step) ** 2 or scatter > (0.25 * step) ** 2:
+        return False
+    set_samples = 0
+    for i in range(48):
+        c, s = _COS[i], _SIN[i]
+        r = read_ratio / math.sqrt(xx * c * c + 2 * xy * c * s + yy * s * s)
+        x, y = int(col + r * c + 0.5), int(row + r * s + 0.5)
+        if 0 <= x < width and 0 <= y < height:
+            set_samples += sign * (half[y, x] - background) > 0.4 * step
     return set_samples >= 3
