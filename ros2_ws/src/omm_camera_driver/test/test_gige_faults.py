@@ -15,7 +15,7 @@ from omm_camera_driver.worker import CameraWorker, State
 from omm_core.errors import DeviceError
 
 sys.path.insert(0, str(Path(__file__).parent))
-from conftest import ADDRESS, CameraProcess, Recorder
+from camera_peers import ADDRESS, CameraProcess, Recorder
 from gige_camera_process import begin_of, pattern
 
 SETTINGS = CameraSettings(exposure_us=2000.0, gain=5.0, frame_rate_hz=50.0)

@@ -1,0 +1,62 @@
+"""The camera's clock in system time: the truth lies within the bound, always."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from omm_camera_driver.camera_clock import CameraClock, Reading
+
+BOOT_NS = 1_700_000_000_000_000_000
+
+
+def reading(at_ns: int, before_ns: int, after_ns: int) -> Reading:
+    """Of a clock that began at BOOT_NS, latched somewhere between the two."""
+    return Reading(
+        camera_ns=at_ns - BOOT_NS, after_ns=at_ns - before_ns, before_ns=at_ns + after_ns
+    )
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 5_000_000), st.integers(0, 5_000_000)), min_size=1, max_size=8
+    ),
+    st.integers(0, 3_600_000_000_000),
+)
+def test_the_truth_is_within_the_bound(delays: list[tuple[int, int]], later_ns: int) -> None:
+    clock = CameraClock()
+    for i, (before_ns, after_ns) in enumerate(delays):
+        clock.add_reading(reading(BOOT_NS + 10**9 + i * 10**7, before_ns, after_ns))
+    truth_ns = BOOT_NS + 2 * 10**9 + later_ns
+    told_ns, bound_ns = clock.system_time(truth_ns - BOOT_NS, truth_ns + 1)
+    assert abs(told_ns - truth_ns) <= bound_ns + 1
+
+
+@given(st.integers(-100, 100), st.integers(0, 600))
+def test_a_drifting_clock_stays_within_the_bound(drift_ppm: int, age_s: int) -> None:
+    clock = CameraClock()
+    clock.add_reading(reading(BOOT_NS + 10**9, 100_000, 200_000))
+    truth_ns = BOOT_NS + 10**9 + age_s * 10**9
+    drifted_ns = age_s * 10**9 * drift_ppm // 1_000_000
+    told_ns, bound_ns = clock.system_time(truth_ns - BOOT_NS + drifted_ns, truth_ns)
+    # The bound itself is of the drifted clock: a part in ten thousand of the drift is left over.
+    assert abs(told_ns - truth_ns) <= bound_ns * 1.001 + 1
+
+
+def test_a_tight_reading_is_kept_until_it_is_older_than_a_loose_one() -> None:
+    clock = CameraClock()
+    clock.add_reading(reading(BOOT_NS + 10**9, 10_000, 10_000))
+    clock.add_reading(reading(BOOT_NS + 2 * 10**9, 1_000_000, 1_000_000))
+    _, after_1_s = clock.system_time(2 * 10**9, 0)
+    assert after_1_s < 200_000
+    clock.add_reading(reading(BOOT_NS + 60 * 10**9, 1_000_000, 1_000_000))
+    _, after_60_s = clock.system_time(60 * 10**9, 0)
+    assert after_60_s < 1_100_000
+
+
+def test_without_readings_the_fastest_arrival_counts() -> None:
+    clock = CameraClock()
+    for i, delay_ns in enumerate((9_000_000, 2_000_000, 30_000_000)):
+        camera_ns = i * 66_000_000
+        clock.add_arrival(camera_ns, BOOT_NS + camera_ns + delay_ns)
+    told_ns, bound_ns = clock.system_time(2 * 66_000_000, 0)
+    assert told_ns == BOOT_NS + 2 * 66_000_000 + 2_000_000
+    assert bound_ns == 28_000_000

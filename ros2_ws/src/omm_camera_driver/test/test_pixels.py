@@ -1,0 +1,64 @@
+"""Packed pixel formats, against packing them bit by bit as the standards draw it."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from omm_camera_driver import pixels
+from omm_core.errors import DeviceError
+
+
+def packed(values: list[int], bits: int, gige: bool) -> bytes:
+    """Bytes of pixel values: GigE Vision's packing of pairs, or PFNC's stream of bits."""
+    if gige:
+        low = bits - 8
+        out = bytearray()
+        for a, b in zip(values[::2], values[1::2]):
+            mask = (1 << low) - 1
+            out += bytes([a >> low, (a & mask) | (b & mask) << 4, b >> low])
+        return bytes(out)
+    stream = sum(value << bits * i for i, value in enumerate(values))
+    return stream.to_bytes(bits * len(values) // 8, "little")
+
+
+@pytest.mark.parametrize(
+    ("pixel_format", "bits", "gige"),
+    [
+        (pixels.MONO10_PACKED, 10, True), (pixels.MONO12_PACKED, 12, True),
+        (pixels.MONO10P, 10, False), (pixels.MONO12P, 12, False),
+    ],
+)  # fmt: skip
+@given(data=st.data())
+def test_unpacking_undoes_packing(
+    pixel_format: int, bits: int, gige: bool, data: st.DataObject
+) -> None:
+    values = data.draw(st.lists(st.integers(0, 2**bits - 1), min_size=8, max_size=8))
+    raw = np.frombuffer(packed(values, bits, gige), np.uint8)
+    image = pixels.mono_from_genicam(raw, pixel_format, 4, 2)
+    np.testing.assert_array_equal(image.reshape(-1), np.array(values) << (16 - bits))
+
+
+@pytest.mark.parametrize(
+    ("pixel_format", "bits"),
+    [(pixels.MONO10, 10), (pixels.MONO12, 12), (pixels.MONO14, 14), (pixels.MONO16, 16)],
+)
+def test_wide_pixels_fill_16_bits(pixel_format: int, bits: int) -> None:
+    values = np.array([[0, 1], [2**bits - 2, 2**bits - 1]], "<u2")
+    image = pixels.mono_from_genicam(values.reshape(-1).view(np.uint8), pixel_format, 2, 2)
+    np.testing.assert_array_equal(image, values << (16 - bits))
+
+
+def test_mono8_is_not_copied() -> None:
+    data = np.zeros(12, np.uint8)
+    assert np.shares_memory(pixels.mono_from_genicam(data, pixels.MONO8, 4, 3), data)
+
+
+def test_colour_is_refused() -> None:
+    with pytest.raises(DeviceError, match="pixel_format"):
+        pixels.mono_from_genicam(np.zeros(100, np.uint8), 0x02180014, 4, 3)
+
+
+def test_too_few_bytes_are_refused() -> None:
+    with pytest.raises(DeviceError, match="got 5"):
+        pixels.mono_from_genicam(np.zeros(5, np.uint8), pixels.MONO8, 4, 3)

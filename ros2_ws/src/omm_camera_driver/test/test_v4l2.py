@@ -1,0 +1,133 @@
+"""V4L2 without a device (layouts, pixels, stamps), and with the kernel's vivid in a machine."""
+
+import ctypes
+import importlib.util
+import struct
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from omm_camera_driver import videodev
+from omm_camera_driver.v4l2 import exposure_middle, mono_image
+from omm_camera_driver.v4l2_controls import control_name
+
+
+def _vivid_vm() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("vivid_vm", Path(__file__).parent / "vivid_vm.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.timeout(600)
+def test_the_driver_in_a_machine_with_a_virtual_camera() -> None:
+    vivid_vm = _vivid_vm()
+    if lacking := vivid_vm.missing():
+        pytest.skip(f"the virtual machine needs {lacking}")
+    status, console = vivid_vm.run([])
+    assert status == 0, console
+
+
+# Request numbers as a C compiler makes them of <linux/videodev2.h> on 64-bit Linux: they hold the
+# size of the structure, so that a wrong layout cannot go unnoticed.
+@pytest.mark.parametrize(
+    ("name", "number"),
+    [
+        ("QUERYCAP", 0x80685600), ("ENUM_FMT", 0xC0405602), ("G_FMT", 0xC0D05604),
+        ("S_FMT", 0xC0D05605), ("REQBUFS", 0xC0145608), ("QUERYBUF", 0xC0585609),
+        ("QBUF", 0xC058560F), ("DQBUF", 0xC0585611), ("STREAMON", 0x40045612),
+        ("STREAMOFF", 0x40045613), ("G_PARM", 0xC0CC5615), ("S_PARM", 0xC0CC5616),
+        ("G_CTRL", 0xC008561B), ("S_CTRL", 0xC008561C), ("QUERYCTRL", 0xC0445624),
+    ],
+)  # fmt: skip
+def test_requests_are_the_kernel_s(name: str, number: int) -> None:
+    assert getattr(videodev, name) == number
+
+
+def test_a_buffer_s_fields_lie_where_the_kernel_puts_them() -> None:
+    buffer = videodev.Buffer
+    offsets = (buffer.timestamp.offset, buffer.sequence.offset, buffer.m.offset)
+    assert offsets == (24, 56, 64)
+    raw = bytearray(ctypes.sizeof(buffer))
+    struct.pack_into("<qq", raw, 24, 12, 345678)
+    assert buffer.from_buffer(raw).timestamp_ns == 12_345_678_000
+
+
+def pix(name: str, width: int, height: int, row_bytes: int = 0) -> videodev.PixelFormat:
+    return videodev.PixelFormat(
+        width=width, height=height, pixelformat=videodev.fourcc(name), bytesperline=row_bytes
+    )
+
+
+def test_padded_rows_are_cut() -> None:
+    rows = np.arange(4 * 8, dtype=np.uint8).reshape(4, 8)
+    image = mono_image(rows.reshape(-1), pix("GREY", 6, 4, 8))
+    assert image is not None
+    np.testing.assert_array_equal(image, rows[:, :6])
+
+
+def test_yuyv_is_its_brightness() -> None:
+    data = np.arange(2 * 6 * 4, dtype=np.uint8)
+    image = mono_image(data, pix("YUYV", 6, 4))
+    assert image is not None
+    np.testing.assert_array_equal(image.reshape(-1), data[::2])
+
+
+def test_y16_is_little_endian() -> None:
+    data = np.array([1, 2, 3, 4], np.uint8)
+    image = mono_image(data, pix("Y16", 2, 1))
+    assert image is not None
+    np.testing.assert_array_equal(image, [[0x0201, 0x0403]])
+
+
+def test_jpeg_is_decoded_and_a_cut_one_is_not_whole() -> None:
+    cv2 = pytest.importorskip("cv2")
+    grey = np.tile(np.linspace(0, 255, 64, dtype=np.uint8), (48, 1))
+    data = cv2.imencode(".jpg", grey)[1].reshape(-1)
+    image = mono_image(data, pix("MJPG", 64, 48))
+    assert image is not None
+    assert np.abs(image.astype(int) - grey).max() < 8
+    assert mono_image(data[: len(data) // 2], pix("MJPG", 64, 48)) is None
+
+
+def test_data_that_are_cut_short_are_not_whole() -> None:
+    assert mono_image(np.zeros(11, np.uint8), pix("GREY", 4, 3)) is None
+
+
+INTERVAL_NS, EXPOSURE_NS = 100_000_000, 8_000_000
+
+
+def test_a_stamp_of_the_start_is_half_an_exposure_early() -> None:
+    middle_ns, off_ns = exposure_middle(
+        10**9, at_start=True, exposure_ns=EXPOSURE_NS, readout_ns=0, interval_ns=INTERVAL_NS
+    )
+    assert middle_ns == 10**9 + EXPOSURE_NS // 2
+    assert off_ns == 1_000_000
+
+
+def test_a_stamp_of_the_end_is_a_readout_and_half_an_exposure_late() -> None:
+    middle_ns, off_ns = exposure_middle(
+        10**9, at_start=False, exposure_ns=EXPOSURE_NS, readout_ns=30_000_000,
+        interval_ns=INTERVAL_NS,
+    )  # fmt: skip
+    assert middle_ns == 10**9 - 30_000_000 - EXPOSURE_NS // 2
+    assert off_ns == 1_000_000
+
+
+@pytest.mark.parametrize("readout_ns", [0, 10_000_000, 99_000_000])
+def test_an_unknown_readout_is_within_the_uncertainty(readout_ns: int) -> None:
+    end_ns = 10**9
+    middle_ns, off_ns = exposure_middle(
+        end_ns, at_start=False, exposure_ns=EXPOSURE_NS, readout_ns=0, interval_ns=INTERVAL_NS
+    )
+    true_middle_ns = end_ns - readout_ns - EXPOSURE_NS // 2
+    assert abs(middle_ns - true_middle_ns) <= off_ns
+
+
+def test_control_names_are_those_of_v4l2_ctl() -> None:
+    assert control_name("Exposure Time, Absolute") == "exposure_time_absolute"
+    assert control_name("Percentage of Dropped Buffers") == "percentage_of_dropped_buffers"
