@@ -87,7 +87,7 @@ def read_target(
     a11, a12, a22 = square_root(shape[2], shape[3], shape[4])
     smaller = 0.5 * (a11 + a22 - math.hypot(a11 - a22, 2.0 * a12))
     larger = 0.5 * (a11 + a22 + math.hypot(a11 - a22, 2.0 * a12))
-    if smaller < MIN_RADIUS_PX or larger > 2.6 * smaller:
+    if smaller < MIN_RADIUS_PX or larger > 3.0 * smaller:
         return None
     if shape[7] > 0.15 + 0.04 * smaller:
         return None

@@ -1,0 +1,200 @@
+"""`./omm detect`: coded targets in photographs."""
+
+from __future__ import annotations
+
+import argparse
+import glob
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from omm_core.errors import InputError
+
+if TYPE_CHECKING:
+    from omm_core.targets import Detection
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("images", nargs="+", metavar="IMAGE", help="files, folders or patterns")
+    parser.add_argument("--family", required=True, help="aicon12, aicon14, metashape12, …")
+    parser.add_argument("--json", metavar="OUT", help="write the result; - for the screen")
+    parser.add_argument("--overlay", metavar="FOLDER", nargs="?", const="",
+                        help="draw the result: beside each image, or into a folder")  # fmt: skip
+    parser.add_argument("--polarity", choices=("both", "bright", "dark"), default="both")
+    parser.add_argument("--min-contrast-dn", type=float, default=20.0)
+    parser.add_argument("--centring", choices=("fit", "outline"), default="fit",
+                        help="outline is faster and less accurate")  # fmt: skip
+    parser.add_argument("--expect", metavar="IDS",
+                        help="the part's numbers, such as 1-10,15: notices mirrored images")  # fmt: skip
+
+
+def run(args: argparse.Namespace) -> int:
+    """Detect in all images; 1 if one could not be read."""
+    from rich.console import Console
+    from rich.progress import track
+
+    from omm_core.targets import DetectionOptions, TargetFamily, detect_targets
+    from omm_core.targets.printing import parse_ids
+
+    family = TargetFamily.by_name(args.family)
+    expected = frozenset(parse_ids(args.expect)) if args.expect else None
+    options = DetectionOptions(
+        polarity=args.polarity,
+        min_contrast_dn=args.min_contrast_dn,
+        centring=args.centring,
+        expected_ids=expected,
+    )
+    paths = find_images(args.images)
+    console = Console(stderr=True)
+    results, failed = [], 0
+    shown = track(paths, "Detecting", console=console, transient=True, disable=len(paths) < 3)
+    for path in shown:
+        try:
+            image = read_grey(path)
+        except InputError as error:
+            console.print(f"omm: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
+            failed += 1
+            continue
+        detection = detect_targets(image, family, options)
+        results.append(as_json(path, detection))
+        if args.overlay is not None:
+            _write_overlay(path, args.overlay, image, detection)
+        if args.json != "-":
+            _show(path, detection)
+    if args.json:
+        _write_json(args.json, results)
+    return 1 if failed else 0
+
+
+def find_images(names: list[str]) -> list[Path]:
+    """Resolve files, folders and patterns, in order and each once.
+
+    Raises
+    ------
+    InputError
+        If a name leads to nothing.
+    """
+    found: list[Path] = []
+    for name in names:
+        path = Path(name)
+        if path.is_dir():
+            inside = [p for p in sorted(path.iterdir()) if p.suffix.lower() in SUFFIXES]
+            if not inside:
+                raise InputError(f"{name}: no images in this folder ({', '.join(SUFFIXES)}).")
+            found += inside
+        elif path.is_file():
+            found.append(path)
+        else:
+            matches = [Path(m) for m in sorted(glob.glob(name, recursive=True)) if Path(m).is_file()]
+            if not matches:
+                raise InputError(f"{name}: expected an image, a folder or a pattern, found nothing.")
+            found += matches
+    return list(dict.fromkeys(found))
+
+
+def read_grey(path: Path) -> Any:
+    """Read an image as (H, W) uint8 or uint16.
+
+    Raises
+    ------
+    InputError
+        If it is not an image, or damaged.
+    """
+    import cv2
+    import numpy as np
+
+    try:
+        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    _refuse_truncated(path, data.tobytes())
+    try:
+        flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+        image = cv2.imdecode(data, flags) if data.size else None
+    except cv2.error:
+        image = None
+    if image is None or image.dtype not in (np.uint8, np.uint16):
+        raise InputError(f"{path}: not an image of 8 or 16 bit, or damaged; skipped.")
+    return np.ascontiguousarray(image.reshape(image.shape[:2]))
+
+
+def _refuse_truncated(path: Path, data: bytes) -> None:
+    """OpenCV fills what is missing of a cut-off JPEG or PNG with grey and says nothing."""
+    cut = (data.startswith(b"\xff\xd8") and b"\xff\xd9" not in data[-4096:]) or (
+        data.startswith(b"\x89PNG") and b"IEND" not in data[-4096:]
+    )
+    if cut:
+        raise InputError(f"{path}: the file is cut off; skipped.")
+
+
+def as_json(path: Path, detection: Detection) -> dict[str, Any]:
+    """One image's entry; the keys of the contract first."""
+    return {
+        "image": str(path),
+        "targets": [
+            {
+                "id": target.id,
+                "col_px": float(target.center_px[0]),
+                "row_px": float(target.center_px[1]),
+                "covariance_px2": target.covariance_px2.tolist(),
+                "diameter_px": float(target.diameter_px),
+                "bright": target.bright,
+                "contrast_dn": target.contrast_dn,
+                "ring_margin": target.ring_margin,
+            }
+            for target in detection.targets
+        ],
+        "refused": [
+            {
+                "col_px": float(refused.center_px[0]),
+                "row_px": float(refused.center_px[1]),
+                "diameter_px": float(refused.diameter_px),
+                "reason": refused.reason,
+            }
+            for refused in detection.refused
+        ],
+    }
+
+
+def _show(path: Path, detection: Detection) -> None:
+    print(f"{path}: {len(detection.targets)} targets")
+    for target in detection.targets:
+        sigma = (target.covariance_px2[0, 0] + target.covariance_px2[1, 1]) ** 0.5
+        print(f"  {target.id:>6}  {target.center_px[0]:10.3f} {target.center_px[1]:10.3f} px"
+              f"  ±{sigma:.3f}  dot {target.diameter_px:.1f} px")  # fmt: skip
+    for refused in detection.refused:
+        print(f"  refused {refused.center_px[0]:9.1f} {refused.center_px[1]:10.1f} px"
+              f"  {refused.reason}")  # fmt: skip
+
+
+def _write_json(out: str, results: list[dict[str, Any]]) -> None:
+    text = json.dumps(results, indent=1) + "\n"
+    if out == "-":
+        sys.stdout.write(text)
+        return
+    try:
+        Path(out).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written: {error.strerror or error}") from error
+
+
+def _write_overlay(path: Path, folder: str, image: Any, detection: Detection) -> None:
+    import cv2
+
+    from omm_core.targets.overlay import draw_detection
+
+    target = Path(folder) if folder else path.parent
+    if target.suffix.lower() in SUFFIXES:
+        raise InputError(f"--overlay {folder}: expected a folder, got the name of an image.")
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--overlay {folder}: {error.strerror or error}") from error
+    out = target / f"{path.stem}_targets.png"
+    if not cv2.imwrite(str(out), draw_detection(image, detection)):
+        raise InputError(f"{out}: cannot be written.")
+    print(f"  drawn: {out}")
