@@ -27,6 +27,7 @@ from omm_estimator.parameters import Parameters
 from omm_ros import qos
 from omm_ros.conversions import image_from_message, stamp_ns, transform_from_pose
 from omm_ros.diagnostics import ERROR, OK, WARN, Diagnostics, Health
+from omm_ros.lifecycle import transition
 from omm_ros.node_main import run_node
 from omm_ros.parameters import declare, watch
 
@@ -59,14 +60,10 @@ class EstimatorNode(LifecycleNode):
 
     # --- transitions ---------------------------------------------------------------------------
 
+    @transition
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Read part and calibration; images that come before activation are not taken."""
-        try:
-            self._begin(self._p.part_file)
-        except InputError as error:
-            self.failure = error
-            self.get_logger().error(str(error))
-            return TransitionCallbackReturn.FAILURE
+        self._begin(self._p.part_file)
         images, poses = MutuallyExclusiveCallbackGroup(), MutuallyExclusiveCallbackGroup()
         self._inputs = [
             self.create_subscription(
@@ -76,29 +73,33 @@ class EstimatorNode(LifecycleNode):
                 PoseStamped, "/cnc/spindle_pose", self._on_pose, qos.POSE, callback_group=poses
             ),
         ]
-        self._services = [
-            *self._services,
+        self._answers = [
             self.create_service(Trigger, "~/new_clamping", self._on_new_clamping),
             self.create_service(LoadPart, "~/load_part", self._on_load_part),
         ]
         self._timer = self.create_timer(_SETTLE_PERIOD_S, self._on_timer, callback_group=images)
         return super().on_configure(state)
 
+    @transition
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Take images from now on."""
         self._active = True
         self._publish()
         return super().on_activate(state)
 
+    @transition
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Take no images; what was measured stays."""
         self._active = False
         return super().on_deactivate(state)
 
+    @transition
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Forget everything."""
         for subscription in self._inputs:
             self.destroy_subscription(subscription)
+        for service in self._answers:
+            self.destroy_service(service)
         self.destroy_timer(self._timer)
         self._measurement = self._last = None
         return super().on_cleanup(state)

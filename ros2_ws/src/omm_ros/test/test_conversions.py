@@ -57,9 +57,7 @@ def test_padding_and_the_other_byte_order_are_understood() -> None:
     np.testing.assert_array_equal(image_from_message(message), pixels)
 
 
-@pytest.mark.parametrize(
-    ("encoding", "size"), [("rgb8", 16), ("mono8", 15), ("mono8", 0)], ids=str
-)
+@pytest.mark.parametrize(("encoding", "size"), [("rgb8", 16), ("mono8", 15), ("mono8", 0)], ids=str)
 def test_an_image_that_cannot_be_one_is_refused_with_what_was_expected(
     encoding: str, size: int
 ) -> None:

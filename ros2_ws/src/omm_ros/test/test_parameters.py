@@ -22,7 +22,7 @@ class Parameters:
     topics: tuple[str, ...] = parameter(("/a",), "Topics.")
 
 
-@pytest.fixture()
+@pytest.fixture
 def context() -> Iterator[rclpy.Context]:
     context = rclpy.Context()
     context.init()
