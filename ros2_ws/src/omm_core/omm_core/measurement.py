@@ -167,8 +167,14 @@ class Measurement:
         outcomes = self._observation_outcomes(accepted, refused, solution)
         images = self._image_outcomes(accepted, refused, judgements, outcomes)
         counts = {target.id: 0 for target in self.part.targets}
-        for outcome in outcomes:
-            counts[outcome.target_id] = counts.get(outcome.target_id, 0) + outcome.used
+        # Until there is a solution, what was seen in sound images counts as used.
+        seen = (
+            [o.target_id for o in outcomes if o.used]
+            if solution.determined
+            else [s.target_id for content in accepted.values() for s in self._usable(content)]
+        )
+        for target_id in seen:
+            counts[target_id] += 1
         mirrored = self._mirrored()
         return MeasurementResult(
             part_name=self.part.name,
