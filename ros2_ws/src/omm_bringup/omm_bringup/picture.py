@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 _COLUMNS = 4
 _TILE_PX = (640, 480)
 _CAPTION_PX = 28
-_LOUPE_PX = 200
+_LOUPE_PX = 280
 _FOUND = (80, 220, 80)
 _REFUSED = (60, 60, 255)
 _RESIDUAL = (0, 200, 255)
@@ -82,33 +82,35 @@ def _tile(image: DrawnImage, residual_scale: float) -> NDArray[np.uint8]:
         tip = (center + np.array(target.residual_px) * residual_scale) * scale
         cv2.line(tile, at, _point(tip), _RESIDUAL, 1, cv2.LINE_AA)
     if image.targets:
-        _loupe(tile, gray, image.targets[0])
+        _loupe(tile, gray, image.targets[0], scale)
     color = _TEXT if image.used else _REFUSED
     _write(tile, image.title, (8, _TILE_PX[1] + 20), color)
     return tile
 
 
-def _loupe(tile: NDArray[np.uint8], gray: NDArray[np.uint8], target: DrawnTarget) -> None:
-    """The first target at three times its size in the lower left corner, with its centre."""
-    half = _LOUPE_PX // 6
+def _loupe(
+    tile: NDArray[np.uint8], gray: NDArray[np.uint8], target: DrawnTarget, scale: float
+) -> None:
+    """The first target at full size, with its centre, in the corner that is farthest from it."""
+    half = _LOUPE_PX // 2
     col, row = (round(c) for c in target.center_px)
     cut = gray[max(0, row - half) : row + half, max(0, col - half) : col + half]
     if cut.shape != (2 * half, 2 * half):
         return
-    large = cv2.resize(cut, (_LOUPE_PX, _LOUPE_PX), interpolation=cv2.INTER_NEAREST)
-    corner = tile[_TILE_PX[1] - _LOUPE_PX : _TILE_PX[1], :_LOUPE_PX]
-    corner[:] = large[:, :, None]
-    factor = _LOUPE_PX / (2 * half)
-    offset = np.array(target.center_px) - (col - half, row - half) + 0.5
-    cv2.drawMarker(corner, _point(offset * factor), _FOUND, cv2.MARKER_CROSS, 17, 1, cv2.LINE_AA)
+    left = 0 if col * scale > _TILE_PX[0] / 2 else _TILE_PX[0] - _LOUPE_PX
+    top = 0 if row * scale > _TILE_PX[1] / 2 else _TILE_PX[1] - _LOUPE_PX
+    corner = tile[top : top + _LOUPE_PX, left : left + _LOUPE_PX]
+    corner[:] = cut[:, :, None]
+    offset = np.array(target.center_px) - (col - half, row - half)
+    cv2.drawMarker(corner, _point(offset), _FOUND, cv2.MARKER_CROSS, 17, 1, cv2.LINE_AA)
     cv2.rectangle(corner, (0, 0), (_LOUPE_PX - 1, _LOUPE_PX - 1), _TEXT, 1)
 
 
 def _to_8_bit(pixels: NDArray[np.generic]) -> NDArray[np.uint8]:
-    if pixels.dtype == np.uint8:
-        return np.asarray(pixels, dtype=np.uint8)
-    top = max(1.0, float(np.percentile(pixels, 99.9)))
-    return np.clip(pixels.astype(np.float32) * (255.0 / top), 0, 255).astype(np.uint8)
+    """For the eye: stretched to the brightest, and dark surroundings lifted."""
+    top = max(1.0, float(np.percentile(pixels[::4, ::4], 99.9)))
+    share = np.clip(pixels.astype(np.float32) / top, 0.0, 1.0)
+    return (255.0 * share**0.6).astype(np.uint8)
 
 
 def _point(xy: NDArray[np.floating]) -> tuple[int, int]:
