@@ -6,6 +6,8 @@ from omm_bringup.processes import NodeSpec
 
 CONTROLS = ("simulated", "linuxcnc")
 CAMERAS = ("simulated", "gige")
+# Where the simulated GigE camera answers, and the camera node looks for it.
+GIGE_ADDRESS = "127.0.0.1"
 
 
 def simulated_cell(
@@ -27,6 +29,13 @@ def simulated_cell(
     drawn = {"scenario": scenario, "seed": seed}
     # A real LinuxCNC with simulated drives, which the bridge starts and ends.
     started = {"linuxcnc_cell": "three_axis_mill"} if control == "linuxcnc" else {}
+    # A camera that speaks the real protocol, in a process of its own.
+    simulator = NodeSpec(
+        package="omm_camera_driver",
+        executable="gige_simulator_node",
+        name="gige_simulator",
+        parameters={"address": GIGE_ADDRESS, **drawn},
+    )
     return (
         NodeSpec(
             package="omm_recorder",
@@ -40,12 +49,14 @@ def simulated_cell(
             name="estimator",
             parameters=known,
         ),
+        *((simulator,) if camera == "gige" else ()),
         NodeSpec(
             package="omm_camera_driver",
             executable="camera_node",
             name="camera",
             parameters={
                 "driver": camera,
+                "device": GIGE_ADDRESS if camera == "gige" else "",
                 "calibration_file": calibration_file,
                 "trigger": "software",
                 **drawn,

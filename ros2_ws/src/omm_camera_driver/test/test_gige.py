@@ -186,6 +186,7 @@ def test_a_camera_that_another_program_holds_is_told_so(open_driver: Open) -> No
     with pytest.raises(DeviceError, match="another program holds it"):
         other.open(CameraSettings())
     other.close()
+    time.sleep(0.6)  # an answer "held" is believed for half a second
 
 
 def test_flushing_throws_away_what_came_before(open_driver: Open, shown: Shown) -> None:
