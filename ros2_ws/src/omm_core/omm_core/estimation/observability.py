@@ -16,7 +16,8 @@ LARGEST_SIGMA = np.array([5e-3] * 3 + [1.0] * 3 + [5e-3])
 a part is set up better than that by eye, and a holder turns less than that in its backlash."""
 POOR_SIGMA = LARGEST_SIGMA / 5
 _ON_A_LINE = 0.02  # of the length
-_SAME_PLACE_MM = 5.0
+_FAR_OFF_MM = 20.0
+_USUAL_BASE_MM = 40.0
 
 
 def too_few(problem: Problem, options: SolveOptions) -> list[str]:
@@ -105,11 +106,13 @@ def _words(
     if not weak.any():
         return []
     names = [NAMES[i] for i in range(7) if weak[i]]
-    if options.model == "7d" and weak[6]:
+    of_gamma_s = options.model == "7d" and bool(weak[6])
+    advice = _advice(problem, adjustment, sigma, of_gamma_s=of_gamma_s)
+    if of_gamma_s:
         rest = f" (and with it {', '.join(names[:-1])})" if len(names) > 1 else ""
-        return [f"γ_s{rest}{_known_to(sigma[6])}: {_second_image(problem, adjustment)}."]
+        return [f"γ_s{rest}{_known_to(sigma[6])}: {advice}."]
     worst = int(np.argmax(np.where(weak, sigma / LARGEST_SIGMA, 0.0)))
-    return [f"{', '.join(names)}{_known_to(sigma[worst], worst)}: {_more_rays(problem)}."]
+    return [f"{', '.join(names)}{_known_to(sigma[worst], worst)}: {advice}."]
 
 
 def _known_to(sigma: float, index: int = 6) -> str:
@@ -120,31 +123,31 @@ def _known_to(sigma: float, index: int = 6) -> str:
     return f" (known to {2e3 * sigma:.2g} mm/m only, k = 2)"
 
 
-def _second_image(problem: Problem, adjustment: Adjustment) -> str:
-    """Say which second image would tell γ_s from the part's own position and turn."""
+def _advice(problem: Problem, adjustment: Adjustment, sigma: Array, *, of_gamma_s: bool) -> str:
+    """Say which images would help: γ_s and z need targets seen from two places."""
     bases = _bases(problem)
-    target = max(bases, key=lambda index: bases[index][1])
-    base = bases[target][1]
-    target_id = problem.target_ids[target]
-    wanted = _wanted_base(problem, adjustment)
-    if all(count == 1 for count, _ in bases.values()):
-        why = "every target was seen from one spindle position only"
-        return f"{why}; take a second image of target {target_id} at least {wanted:.0f} mm away"
-    if base < _SAME_PLACE_MM:
-        why = f"the images of each target were taken from places at most {base:.1f} mm apart"
-        return f"{why}; take another image of target {target_id} at least {wanted:.0f} mm away"
-    return (
-        f"the images of target {target_id} were taken {base:.0f} mm apart; take more images of it,"
-        f" from places farther apart, or with the spindle turned about its axis"
-    )
-
-
-def _more_rays(problem: Problem) -> str:
-    once = [
-        problem.target_ids[index] for index, (count, _) in _bases(problem).items() if count == 1
-    ]
+    in_file = [target.id for target in problem.part.targets]
+    by_base = sorted(bases, key=lambda t: (-bases[t][1], in_file.index(problem.target_ids[t])))
+    target_id, base = problem.target_ids[by_base[0]], bases[by_base[0]][1]
+    wanted = _wanted_base(problem, adjustment, sigma)
+    once = [problem.target_ids[t] for t in by_base if bases[t][0] == 1]
+    if len(once) == len(bases):
+        return (
+            "every target was seen from one spindle position only; take a second image of target"
+            f" {target_id} at least {wanted:.0f} mm away"
+        )
+    if base < wanted / 4:
+        return (
+            f"the images of each target were taken from places at most {base:.1f} mm apart; take"
+            f" another image of target {target_id} at least {wanted:.0f} mm away"
+        )
     if once:
-        return f"take a second image of {_any_of(once)} from another spindle position"
+        return f"take a second image of {_any_of(once)} at least {wanted:.0f} mm away"
+    if of_gamma_s:
+        return (
+            "take more images of each target, from places farther apart or with the spindle turned"
+            " about its axis"
+        )
     return "take more images, from spindle positions farther apart or of targets farther apart"
 
 
@@ -159,11 +162,13 @@ def _bases(problem: Problem) -> dict[int, tuple[int, float]]:
     return bases
 
 
-def _wanted_base(problem: Problem, adjustment: Adjustment) -> float:
+def _wanted_base(problem: Problem, adjustment: Adjustment, sigma: Array) -> float:
     """Return a base of about 1/8 of the measuring distance, in whole 10 mm (40 at 300 mm)."""
-    taper = problem.d_cnc[problem.image_of]
+    if not np.all(sigma[3:6] < _FAR_OFF_MM):
+        return _USUAL_BASE_MM  # the distance is not known either
     X = problem.points[problem.target_of, 0] @ adjustment.rotation.T + adjustment.d0_mm
-    camera = taper + problem.R_cnc[problem.image_of] @ problem.d_calib
+    spindle = problem.d_cnc[problem.image_of]
+    camera = spindle + problem.R_cnc[problem.image_of] @ problem.d_calib
     distance = float(np.median(np.linalg.norm(X - camera, axis=1)))
     return float(max(10.0, np.ceil(distance / 8 / 10 - 0.25) * 10))
 
