@@ -219,7 +219,9 @@ def report(
     sent = json.loads(publisher.stdout.splitlines()[-1])
     time.sleep(1.0)
     used_s = {name: cpu_s(process.pid) for name, process in nodes}
-    for _, process in reversed(nodes):
+    for name, process in reversed(nodes):
+        if process.poll() is not None:
+            raise SystemExit(f"{name} has died (status {process.returncode})")
         process.send_signal(signal.SIGINT)
     for _, process in reversed(nodes):
         process.communicate(timeout=120)
@@ -243,8 +245,9 @@ def report(
 
 def start(name: str, module: str, settings: list[str]) -> tuple[str, "subprocess.Popen[str]"]:
     words = [word for setting in settings for word in ("-p", setting)]
+    code = f"import sys; from {module} import main; sys.exit(main())"
     process = subprocess.Popen(
-        [sys.executable, "-m", module, "--ros-args", *words], stderr=subprocess.DEVNULL, text=True
+        [sys.executable, "-c", code, "--ros-args", *words], stderr=subprocess.DEVNULL, text=True
     )
     return name, process
 
