@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from omm_interfaces.msg import PartEstimate
 from rclpy.client import Client
 from rclpy.node import Node
@@ -51,8 +52,9 @@ def measure(node: Node, console: Console, check_alive: Callable[[], None]) -> Pa
 
 def _start_program(node: Node, check_alive: Callable[[], None]) -> None:
     start = node.create_client(Trigger, "/cnc_bridge/start_program")
+    camera = _CameraHealth(node)
     deadline = time.monotonic() + _READY_S
-    while missing := _not_ready(node, start):
+    while missing := _not_ready(node, start, camera):
         rclpy.spin_once(node, timeout_sec=_POLL_S)
         check_alive()
         if time.monotonic() > deadline:
@@ -64,11 +66,24 @@ def _start_program(node: Node, check_alive: Callable[[], None]) -> None:
         raise MeasurementError(f"The control did not start its program: {why}.")
 
 
-def _not_ready(node: Node, start: Client) -> str:
+class _CameraHealth:
+    """What the camera node says of its connection."""
+
+    def __init__(self, node: Node) -> None:
+        self.is_connected = False
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == "camera: connection":
+                self.is_connected = status.level == DiagnosticStatus.OK
+
+
+def _not_ready(node: Node, start: Client, camera: _CameraHealth) -> str:
     """What is still missing before the program may start; empty when nothing is."""
     if not start.service_is_ready():
         return "the CNC bridge"
-    if not node.get_publishers_info_by_topic("/camera/image_raw"):
+    if not node.get_publishers_info_by_topic("/camera/image_raw") or not camera.is_connected:
         return "the camera"
     listeners = {i.node_name for i in node.get_subscriptions_info_by_topic("/camera/image_raw")}
     return " and ".join(sorted(_LISTENERS - listeners))
