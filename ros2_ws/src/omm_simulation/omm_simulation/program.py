@@ -1,4 +1,4 @@
-"""The measuring program: approach, stop, dwell, ask for an image, and on to the next stop."""
+"""The measuring program: approach, stop, dwell, ask for an image, rest, and on to the next."""
 
 from dataclasses import dataclass
 
@@ -79,6 +79,7 @@ def measuring_program(cell: Cell, repetitions: int = 1) -> tuple[Step, ...]:
             steps.append(
                 AskForImage(line=next_line(), request=request, target_id=stop.target_id)
             )
+            steps.append(Dwell(line=next_line(), duration_s=program.rest_after_s))
     return tuple(steps)
 
 

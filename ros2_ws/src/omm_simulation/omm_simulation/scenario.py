@@ -93,6 +93,9 @@ class MeasuringProgram:
         How far the camera backs off along the spindle axis between targets.
     dwell_s : float
         Rest at each stop before the image is asked for.
+    rest_after_s : float
+        Rest after the image has been acknowledged, so that the poses after its exposure prove
+        that the spindle stood still.
     acknowledge_timeout_s : float
         How long the program waits for the image before it goes on without.
     """
@@ -103,6 +106,7 @@ class MeasuringProgram:
     spread_mm: float = 0.0
     retract_mm: float = 0.0
     dwell_s: float = 0.3
+    rest_after_s: float = 0.1
     acknowledge_timeout_s: float = 5.0
 
 

@@ -105,7 +105,8 @@ def test_the_speed_factor_shortens_moves_and_leaves_dwells():
     cell = draw(load_scenario("bench"), 7)
     normal, _ = run_through(SimulatedControl(cell))
     fast, _ = run_through(SimulatedControl(cell, speed_factor=2.0))
-    resting_s = len(cell.stops) * (cell.scenario.program.dwell_s + 0.05)
+    program = cell.scenario.program
+    resting_s = len(cell.stops) * (program.dwell_s + program.rest_after_s + 0.05)
     moving_s = normal[-1].stamp_ns * 1e-9 - resting_s
     assert fast[-1].stamp_ns * 1e-9 - resting_s == pytest.approx(moving_s / 2, abs=0.15)
 
@@ -144,7 +145,7 @@ def test_without_an_acknowledgement_the_program_goes_on_after_its_time_out():
     assert (time_ns - asked_ns) * 1e-9 == pytest.approx(5.0, abs=0.03)
     assert control.state(time_ns).measure_acknowledged == 0
     assert not control.acknowledge(1, time_ns)  # too late: it no longer waits for that one
-    assert not control.state(time_ns + 500 * MS).in_position
+    assert not control.state(time_ns + 500 * MS).in_position  # and it is on its way
 
 
 def test_an_acknowledgement_of_another_image_changes_nothing():

@@ -28,7 +28,7 @@ def sound(cell):
     return measured(cell)
 
 
-def moved_mm(poses, stamp_ns, around_s=0.05):
+def moved_mm(poses, stamp_ns, around_s=0.1):
     """How far the reported poses move around a time."""
     near = [p.machine_T_spindle.translation_mm for p in poses
             if abs(p.stamp_ns - stamp_ns) <= around_s * 1e9]  # fmt: skip
