@@ -108,10 +108,12 @@ class CameraNode(LifecycleNode):
         self._diagnostics.hardware_id = camera.serial
         granted = ", ".join(f"{name} {value}" for name, value in camera.granted.items())
         self.get_logger().info(f"Connected: {camera}" + (f" ({granted})" if granted else ""))
+        self._diagnostics.publish()
 
     def on_problem(self, problem: str) -> None:
         """Tell once what is wrong; the diagnostics go on telling it."""
         self.get_logger().warning(problem, throttle_duration_sec=1.0)
+        self._diagnostics.publish()
 
     # --- what ROS asks ---
 

@@ -288,8 +288,10 @@ class CameraWorker:
         try:
             frame = driver.next_frame(_WAIT_FOR_FRAME_S)
         except FrameLost as error:
+            news = not self._status.problem
             self._status = replace(self._status, problem=str(error))
-            self._listener.on_problem(str(error))
+            if news:
+                self._listener.on_problem(str(error))
             frame = None
         self._expire_requests()
         if frame is None or not self._usable(frame):
@@ -319,6 +321,7 @@ class CameraWorker:
         self._published_at.append(time.monotonic())
         self._status = replace(
             self._status,
+            problem="",
             published=self._status.published + 1,
             stamp_uncertainty_ns=frame.stamp_uncertainty_ns,
         )
