@@ -102,8 +102,9 @@ def _descriptor(field: "dataclasses.Field[Any]") -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         description=field.metadata["description"],
         read_only=field.metadata["read_only"],
-        # An integer is welcome where a floating-point number is expected: `-p rate_hz:=100`.
-        dynamic_typing=isinstance(field.default, float),
+        # An integer is welcome where a floating-point number is expected: `-p rate_hz:=100`; and
+        # rclpy takes an empty list for one of bytes.
+        dynamic_typing=isinstance(field.default, float) or field.default == (),
     )
     low, high = field.metadata["minimum"], field.metadata["maximum"]
     if field.metadata["choices"]:
@@ -135,6 +136,11 @@ def _checked(field: "dataclasses.Field[Any]", kind: Any, value: Any) -> Any:
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
         value = float(value)
     if typing.get_origin(kind) is tuple:
+        of = typing.get_args(kind)[0]
+        if isinstance(value, str | bytes) or not all(isinstance(v, of) for v in value or ()):
+            raise InputError(
+                f"Parameter {field.name}: expected a list of {of.__name__}, got {value!r}."
+            )
         value = tuple(value if value is not None else ())
     elif not isinstance(value, kind):
         raise InputError(
