@@ -1,0 +1,342 @@
+"""The recorder and the replay as processes, over the real middleware."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2")
+
+import rclpy
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from omm_bringup.isolation import own_domain
+from omm_recorder.conversions import message_class, profile_from_qos
+from omm_recorder.definitions import definition, type_hash
+from omm_recorder.inspecting import inspect
+from omm_recorder.reading import Recording
+from omm_recorder.repairing import repair, repaired_name
+from omm_recorder.rosbag2_format import TopicQos
+from omm_recorder.run_files import UNFINISHED
+from omm_recorder.topics import KNOWN
+from omm_recorder.verifying import verify
+from omm_ros import transport
+
+Process = "subprocess.Popen[str]"
+POSES = "/cnc/spindle_pose"
+IMAGES = "/camera/image_raw"
+
+
+@pytest.fixture(scope="module")
+def domain() -> Iterator[None]:
+    before = dict(os.environ)
+    transport.prepare()
+    with own_domain():
+        yield
+    os.environ.clear()
+    os.environ.update(before)
+
+
+@pytest.fixture
+def node(domain: None) -> Iterator[Any]:
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    node = rclpy.create_node("tester", context=context)
+    yield node
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+
+
+@pytest.fixture
+def start(domain: None, python_environment: dict[str, str]) -> Iterator[Callable[..., Any]]:
+    """Start a node of the recorder with parameters; what a test leaves running is ended."""
+    running: list[subprocess.Popen[str]] = []
+
+    def run(module: str, **parameters: object) -> Any:
+        words = [w for name, value in parameters.items() for w in ("-p", f"{name}:={value}")]
+        code = f"import sys; from omm_recorder.{module} import main; sys.exit(main())"
+        environment = {**python_environment, **{k: os.environ[k] for k in _OURS if k in os.environ}}
+        process = subprocess.Popen(
+            [sys.executable, "-c", code, "--ros-args", *words],
+            env=environment,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        running.append(process)
+        return process
+
+    yield run
+    for process in running:
+        if process.poll() is None:
+            process.kill()
+        process.wait()
+        assert process.stderr is not None
+        process.stderr.close()
+
+
+_OURS = ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE", *transport.PROFILE_VARIABLES)
+
+
+def wait_for(condition: Callable[[], Any], what: str, seconds: float = 60.0) -> None:
+    until = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < until, f"waited in vain for {what}"
+        time.sleep(0.02)
+
+
+def publisher(node: Any, topic: str, type_name: str, qos: TopicQos | None = None) -> Any:
+    profile = profile_from_qos(qos or TopicQos(depth=1000))
+    made = node.create_publisher(message_class(type_name), topic, profile)
+    wait_for(made.get_subscription_count, f"a listener to {topic}")
+    return made
+
+
+def recorded(run: Path, topic: str) -> list[bytes]:
+    with Recording(run) as recording:
+        return [bytes(m.data) for m in recording.messages([topic])]
+
+
+def has(folder: Path, topic: str, number: int) -> Callable[[], bool]:
+    """Whether the recording under way has that many messages: in the bytes that are on disk."""
+
+    def check() -> bool:
+        unfinished = folder / f"run.mcap{UNFINISHED}"
+        if not unfinished.exists():
+            return False
+        copy = folder / f"copy-{time.monotonic_ns()}.mcap"
+        snapshot = folder / "snapshot"
+        snapshot.write_bytes(unfinished.read_bytes())
+        try:
+            repair(snapshot, copy)
+            return len(recorded(copy, topic)) >= number
+        finally:
+            copy.unlink(missing_ok=True)
+            snapshot.unlink()
+
+    return check
+
+
+@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
+def test_records_every_byte_and_ends_cleanly(
+    node: Any, start: Any, tmp_path: Path, messages: Any, ending: signal.Signals
+) -> None:
+    recorder = start("node", folder=tmp_path / "run")
+    poses = publisher(node, POSES, "geometry_msgs/msg/PoseStamped")
+    images = publisher(node, IMAGES, "sensor_msgs/msg/Image")
+    sent_poses = [messages.pose(k + 1, 0.001 * k) for k in range(300)]
+    random = np.random.default_rng(1)
+    sent_images = [
+        messages.image(k + 1, random.integers(0, 255, (1944, 2592), dtype=np.uint8))
+        for k in range(4)
+    ]
+    for k, pose in enumerate(sent_poses):
+        poses.publish(pose)
+        if k % 75 == 10:
+            images.publish(sent_images[k // 75])
+        time.sleep(0.002)
+    wait_for(has(tmp_path / "run", POSES, 300), "300 poses")
+    recorder.send_signal(ending)
+    _, errors = recorder.communicate(timeout=60)
+    assert recorder.returncode == 0, errors
+    assert "none lost" in errors
+    assert recorded(tmp_path / "run", POSES) == sent_poses
+    assert recorded(tmp_path / "run", IMAGES) == sent_images
+    assert verify(tmp_path / "run" / "run.mcap").intact
+    tally = {t.name: t.tally for t in inspect(tmp_path / "run").topics}
+    assert tally[POSES]["missing_from_publisher"] == tally[POSES]["lost_by_recorder"] == 0
+
+
+def test_kill_9_leaves_what_was_recorded(
+    node: Any, start: Any, tmp_path: Path, messages: Any
+) -> None:
+    recorder = start("node", folder=tmp_path / "run")
+    poses = publisher(node, POSES, "geometry_msgs/msg/PoseStamped")
+    sent = [messages.pose(k + 1, 0.001 * k) for k in range(50)]
+    for pose in sent:
+        poses.publish(pose)
+    wait_for(has(tmp_path / "run", POSES, 50), "50 poses")
+    recorder.kill()
+    recorder.communicate()
+    unfinished = tmp_path / "run" / f"run.mcap{UNFINISHED}"
+    repair(unfinished, repaired_name(unfinished))
+    assert recorded(tmp_path / "run", POSES) == sent
+
+
+def test_parameters_files_and_versions_are_recorded(node: Any, start: Any, tmp_path: Path) -> None:
+    part = tmp_path / "plate.yaml"
+    part.write_text("part: {name: plate}\n")
+    node.declare_parameter("exposure_us", 800)
+    recorder = start("node", folder=tmp_path / "run", part_file=part)
+    executor = rclpy.executors.SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    seen = tmp_path / "run" / f"run.mcap{UNFINISHED}"
+    until = time.monotonic() + 60.0
+    # The tester answers the recorder's question for its parameters.
+    while not (seen.exists() and b"exposure_us" in seen.read_bytes()):
+        assert time.monotonic() < until
+        executor.spin_once(timeout_sec=0.05)
+    executor.shutdown()
+    recorder.send_signal(signal.SIGINT)
+    recorder.communicate(timeout=60)
+    summary = inspect(tmp_path / "run")
+    assert summary.parameters["/tester"]["exposure_us"] == "800"
+    assert set(summary.attached) == {"part.yaml"}
+    assert {"omm", "ros_distro", "python", "numpy", "rclpy"} <= set(summary.provenance)
+
+
+def test_a_best_effort_camera_is_recorded_too(
+    node: Any, start: Any, tmp_path: Path, messages: Any
+) -> None:
+    recorder = start("node", folder=tmp_path / "run")
+    qos = TopicQos(reliable=False, depth=5)
+    images = publisher(node, IMAGES, "sensor_msgs/msg/Image", qos)
+    image = messages.image(1, np.zeros((48, 64), np.uint8))
+    until = time.monotonic() + 60.0
+    while not has(tmp_path / "run", IMAGES, 1)():
+        assert time.monotonic() < until
+        images.publish(image)
+    recorder.send_signal(signal.SIGINT)
+    recorder.communicate(timeout=60)
+    assert set(recorded(tmp_path / "run", IMAGES)) == {image}
+
+
+def test_topics_of_others_are_recorded_when_named(node: Any, start: Any, tmp_path: Path) -> None:
+    from std_msgs.msg import String
+
+    recorder = start("node", folder=tmp_path / "run", topics="['/shop/order']")
+    orders = publisher(node, "/shop/order", "std_msgs/msg/String")
+    orders.publish(String(data="4711"))
+    wait_for(has(tmp_path / "run", "/shop/order", 1), "the order")
+    recorder.send_signal(signal.SIGINT)
+    recorder.communicate(timeout=60)
+    with AnyReader([tmp_path / "run"]) as reader:
+        (connection,) = [c for c in reader.connections if c.topic == "/shop/order"]
+        ((_, _, data),) = reader.messages([connection])
+        assert reader.deserialize(data, connection.msgtype).data == "4711"
+
+
+def test_a_second_recorder_on_the_same_run_is_refused(start: Any, tmp_path: Path) -> None:
+    first = start("node", folder=tmp_path / "run")
+    wait_for((tmp_path / "run" / f"run.mcap{UNFINISHED}").exists, "the first recorder")
+    second = start("node", folder=tmp_path / "run")
+    _, errors = second.communicate(timeout=60)
+    assert second.returncode == 2
+    assert "Another recorder writes" in errors
+    assert "Traceback" not in errors
+    first.send_signal(signal.SIGINT)
+    first.communicate(timeout=60)
+    assert first.returncode == 0
+
+
+@pytest.mark.parametrize("topic", KNOWN, ids=lambda topic: topic.name)
+def test_definitions_are_complete_and_of_the_right_version(topic: Any) -> None:
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(definition(topic.type_name), topic.type_name))
+    assert store.hash_rihs01(topic.type_name) == type_hash(topic.type_name)
+
+
+class Listener:
+    """Takes the bytes of a topic."""
+
+    def __init__(self, node: Any, topic: str, type_name: str) -> None:
+        self.taken: list[bytes] = []
+        node.create_subscription(
+            message_class(type_name),
+            topic,
+            self.taken.append,
+            profile_from_qos(TopicQos(depth=1000)),
+            raw=True,
+        )
+
+
+@pytest.fixture
+def listeners(node: Any) -> tuple[Listener, Listener, Listener]:
+    return (
+        Listener(node, POSES, "geometry_msgs/msg/PoseStamped"),
+        Listener(node, IMAGES, "sensor_msgs/msg/Image"),
+        Listener(node, "/clock", "rosgraph_msgs/msg/Clock"),
+    )
+
+
+def spin_until_over(node: Any, process: Any, seconds: float = 60.0) -> str:
+    executor = rclpy.executors.SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    until = time.monotonic() + seconds
+    while process.poll() is None:
+        assert time.monotonic() < until, "the replay does not end"
+        executor.spin_once(timeout_sec=0.05)
+    for _ in range(100):
+        executor.spin_once(timeout_sec=0.0)
+    executor.shutdown()
+    return str(process.communicate()[1])
+
+
+def test_replay_publishes_the_same_bytes_in_the_same_order(
+    node: Any, start: Any, listeners: Any, record: Any, samples: Any
+) -> None:
+    poses, images, clock = listeners
+    replay = start("replay", run=record(), rate=5.0)
+    errors = spin_until_over(node, replay)
+    assert replay.returncode == 0, errors
+    assert poses.taken == [s.data for s in samples if s.topic == POSES]
+    assert images.taken == [s.data for s in samples if s.topic == IMAGES]
+    store = get_typestore(Stores.ROS2_JAZZY)
+    times = [store.deserialize_cdr(c, "rosgraph_msgs/msg/Clock").clock for c in clock.taken]
+    stamps = [t.sec * 1_000_000_000 + t.nanosec for t in times]
+    assert stamps == sorted(stamps)
+    assert stamps[0] == samples[0].log_ns
+    assert stamps[-1] <= samples[-1].log_ns
+
+
+def test_replay_of_a_part_of_the_time_and_the_topics(
+    node: Any, start: Any, listeners: Any, record: Any, samples: Any
+) -> None:
+    poses, images, clock = listeners
+    replay = start(
+        "replay", run=record(), rate=10.0, start_s=1.0, topics=f"['{POSES}']", clock="false"
+    )
+    assert spin_until_over(node, replay) is not None
+    begin = samples[0].log_ns + 1_000_000_000
+    assert poses.taken == [s.data for s in samples if s.topic == POSES and s.log_ns >= begin]
+    assert images.taken == clock.taken == []
+
+
+def test_replay_in_a_loop_begins_again_until_it_is_ended(
+    node: Any, start: Any, listeners: Any, record: Any, samples: Any
+) -> None:
+    poses, _, _ = listeners
+    replay = start("replay", run=record(), rate=100.0, loop="true")
+    executor = rclpy.executors.SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    once = [s.data for s in samples if s.topic == POSES]
+    until = time.monotonic() + 60.0
+    while len(poses.taken) < 2 * len(once):
+        assert time.monotonic() < until
+        executor.spin_once(timeout_sec=0.05)
+    executor.shutdown()
+    assert poses.taken[: 2 * len(once)] == once * 2
+    replay.send_signal(signal.SIGINT)
+    replay.communicate(timeout=30)
+    assert replay.returncode == 0
+
+
+def test_replay_tells_what_is_wrong(start: Any, tmp_path: Path, record: Any) -> None:
+    for parameters, words in (
+        ({"run": tmp_path / "absent.mcap"}, "does not exist"),
+        ({"run": record(), "topics": "['/nothing']"}, "Expected /nothing in the recording"),
+        ({"run": tmp_path, "rate": -1.0}, "rate"),
+    ):
+        process = start("replay", **parameters)
+        _, errors = process.communicate(timeout=60)
+        assert process.returncode == 2
+        assert words in errors
+        assert "Traceback" not in errors
