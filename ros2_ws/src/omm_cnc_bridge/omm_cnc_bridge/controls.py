@@ -28,6 +28,10 @@ def make_control(p: Parameters) -> tuple[Control, Machine]:
         )
     if p.control == "linuxcnc":
         return _linuxcnc(p), Machine.load(p.machine_file)
+    if p.control == "opcua":
+        return _opcua(p), Machine.load(p.machine_file)
+    if p.control == "mtconnect":
+        return _mtconnect(p), Machine.load(p.machine_file)
     raise InputError(f"Expected a known control, got {p.control}.")
 
 
@@ -41,6 +45,29 @@ def _linuxcnc(p: Parameters) -> Control:
         program_file=p.program_file,
         poll=p.linuxcnc_poll,
     )
+
+
+def _opcua(p: Parameters) -> Control:
+    try:
+        from omm_cnc_bridge.opcua import OpcUaControl, Security
+    except ImportError as error:
+        raise InputError(f"Expected asyncua for OPC UA: pip install asyncua ({error}).") from error
+    security = Security(
+        user=p.opcua_user,
+        password_file=p.opcua_password_file,
+        certificate_file=p.opcua_certificate_file,
+        private_key_file=p.opcua_private_key_file,
+        server_certificate_file=p.opcua_server_certificate_file,
+    )
+    return OpcUaControl(
+        p.opcua_url, rate_hz=p.rate_hz, mapping_file=p.opcua_mapping_file, security=security
+    )
+
+
+def _mtconnect(p: Parameters) -> Control:
+    from omm_cnc_bridge.mtconnect import MtConnectControl
+
+    return MtConnectControl(p.mtconnect_url, rate_hz=p.rate_hz, device=p.mtconnect_device)
 
 
 def _linuxcnc_cell(p: Parameters) -> tuple[Control, Machine]:

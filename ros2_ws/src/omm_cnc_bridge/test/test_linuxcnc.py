@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from omm_cnc_bridge.control import ControlSample, ProgramState
 from omm_cnc_bridge.gcode import ProgramOptions, Stop, measuring_program
 from omm_cnc_bridge.judgement import Judge, SampleLimits

@@ -1,0 +1,187 @@
+"""The OPC UA adapter against servers over real connections: asyncua's, and node-opcua's."""
+
+import math
+import socket
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from omm_core.errors import DeviceError, InputError
+
+pytest.importorskip("asyncua", reason="asyncua is not installed")
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
+
+from opcua_server import OpcUaTestServer  # noqa: E402
+
+from omm_cnc_bridge.control import Mode, ProgramState  # noqa: E402
+from omm_cnc_bridge.opcua import OpcUaControl, Security  # noqa: E402
+from omm_cnc_bridge.opcua_mapping import load_mapping  # noqa: E402
+
+CONTROLS = Path(__file__).parents[1] / "controls"
+MAPPING = """
+axes:
+  X: {position: CncInterface/CncAxisList/X/PosDirect, unit: mm}
+  B: {position: CncInterface/CncAxisList/B/PosDirect/ActPos, unit: deg}
+channel: {measure_request: Vendor/ImageWanted}
+acknowledge: Vendor/ImageTaken
+"""
+
+
+def free_port() -> int:
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return s.getsockname()[1]
+
+
+@pytest.fixture
+def server():
+    with OpcUaTestServer(free_port()) as running:
+        yield running
+
+
+@pytest.fixture
+def control(server):
+    made = OpcUaControl(server.url, rate_hz=100)
+    made.connect()
+    yield made
+    made.close()
+
+
+def read(control, seconds, until=lambda s: False):
+    samples = []
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        for sample in control.read(0.05):
+            samples.append(sample)
+            if until(sample):
+                return samples
+    return samples
+
+
+def test_axes_are_found_by_name_with_units_and_state(server, control):
+    server.positions.update(X=12.5, Y=-3.0, B=90.0)
+    server.commanded.update(X=12.5, Y=-3.0, B=90.0)
+    samples = read(control, 5.0, lambda s: s.positions.get("X") == 12.5)
+    last = samples[-1]
+    assert last.positions == pytest.approx({"X": 12.5, "Y": -3.0, "B": math.pi / 2}, abs=1e-12)
+    assert last.commanded == pytest.approx(last.positions)
+    assert last.in_position is True
+    assert (last.mode, last.program_state) == (Mode.AUTOMATIC, ProgramState.RUNNING)
+    assert last.program == "measure.mpf"
+
+
+def test_samples_flow_at_rest_and_their_stamps_are_the_sources(server, control):
+    """Nothing moves: a server that only reports changes must not look dead."""
+    read(control, 3.0)
+    samples = read(control, 2.0)
+    now_ns = time.time_ns()
+    stamps = np.array([s.stamp_ns for s in samples])
+    assert len(samples) > 100
+    assert np.all(np.diff(stamps) > 0)
+    assert 0 < now_ns - stamps[-1] < 300_000_000
+    assert samples[-1].stamp_uncertainty_ns < 10_000_000
+
+
+def test_moving_is_told(server, control):
+    server.status = 1
+    assert read(control, 5.0, lambda s: s.in_position is False)[-1].in_position is False
+
+
+def test_bad_quality_is_a_fault(server, control):
+    from asyncua import ua
+
+    read(control, 1.0)
+    server.quality = ua.StatusCodes.BadNoCommunication
+    last = read(control, 5.0, lambda s: s.fault is not None)[-1]
+    assert "BadNoCommunication" in last.fault
+
+
+def test_a_clock_that_is_off_by_an_hour_and_then_jumps_is_mapped(server, control):
+    server.clock_s = 3600.0
+    read(control, 3.0)
+    for jump_s in (3600.0, -7200.0):
+        server.clock_s += jump_s
+        read(control, 4.0)
+        last = read(control, 1.0)[-1]
+        assert abs(time.time_ns() - last.stamp_ns) < 300_000_000
+
+
+def test_a_control_that_hangs_behind_a_living_server_is_not_taken_for_one_at_rest(server, control):
+    assert read(control, 1.0)
+    server.hang = True
+    read(control, 0.5)
+    assert read(control, 1.0) == []
+
+
+def test_request_and_acknowledgement_through_a_mapping(server, tmp_path):
+    path = tmp_path / "mapping.yaml"
+    path.write_text(MAPPING)
+    control = OpcUaControl(server.url, rate_hz=100, mapping_file=str(path))
+    control.connect()
+    try:
+        server.request = 7
+        assert read(control, 5.0, lambda s: s.measure_request == 7)[-1].measure_request == 7
+        control.acknowledge(7)
+        deadline = time.monotonic() + 3
+        while server.acknowledged != 7 and time.monotonic() < deadline:
+            time.sleep(0.02)
+    finally:
+        control.close()
+    assert server.acknowledged == 7
+
+
+def test_a_server_that_goes_away_is_noticed_and_found_again():
+    port = free_port()
+    control = OpcUaControl(f"opc.tcp://127.0.0.1:{port}/cnc", rate_hz=100)
+    with pytest.raises(DeviceError):
+        control.connect()
+    for _ in range(2):
+        with OpcUaTestServer(port):
+            control.connect()
+            assert read(control, 5.0, lambda s: True)
+        deadline = time.monotonic() + 15
+        with pytest.raises(DeviceError):
+            while time.monotonic() < deadline:
+                control.read(0.05)
+        control.close()
+
+
+def test_user_and_password(tmp_path):
+    secret = tmp_path / "password"
+    secret.write_text("secret\n")
+    with OpcUaTestServer(free_port(), login=True) as server:
+        for user, works in (("omm", True), ("nobody", False)):
+            security = Security(user=user, password_file=str(secret))
+            control = OpcUaControl(server.url, rate_hz=100, security=security)
+            if works:
+                control.connect()
+                assert read(control, 5.0, lambda s: True)
+            else:
+                with pytest.raises(DeviceError, match=r"(?i)user|identity|access"):
+                    control.connect()
+            control.close()
+
+
+@pytest.mark.parametrize("text", ["axes: {}", "axes: {X: {}}", "axes: {X: {position: a, unit: ell}}",
+                                  "axes: {X: {position: a}}\nwhat: 1"])  # fmt: skip
+def test_a_bad_mapping_is_refused(tmp_path, text):
+    path = tmp_path / "mapping.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"mapping\.yaml"):
+        load_mapping(path)
+
+
+def test_a_path_that_is_not_there_says_what_is(server, tmp_path):
+    path = tmp_path / "mapping.yaml"
+    path.write_text("axes: {X: {position: CncInterface/CncAxisList/Q/PosDirect, unit: mm}}")
+    control = OpcUaControl(server.url, rate_hz=100, mapping_file=str(path))
+    with pytest.raises(InputError, match="'X', 'Y', 'B'"):
+        control.connect()
+    control.close()
+
+
+@pytest.mark.parametrize("path", sorted(CONTROLS.glob("*.yaml")), ids=lambda p: p.stem)
+def test_shipped_mappings_are_valid(path):
+    assert load_mapping(path).axes
