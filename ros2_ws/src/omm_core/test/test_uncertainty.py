@@ -1,4 +1,9 @@
-"""Is the covariance right? Against Monte Carlo, with and without each source of uncertainty."""
+"""Is the covariance right? Against Monte Carlo, with and without each source of uncertainty.
+
+OMM_RUNS=2000 makes the table that docs/statistics.md quotes.
+"""
+
+import os
 
 from dataclasses import replace
 
@@ -13,7 +18,7 @@ from omm_core.estimation.uncertainty import CALIBRATION, IMAGE, MACHINE, TARGETS
 from omm_core.geometry import RigidTransform
 
 SIGMA_PX = 0.02
-RUNS = 2000
+RUNS = int(os.environ.get("OMM_RUNS", "300"))
 # k = 99 % interval of a mean of RUNS values of χ² with n degrees of freedom, near normal.
 HALF_WIDTH = 2.576 * np.sqrt(2.0 / RUNS)
 
@@ -119,10 +124,10 @@ def errors_and_covariance(source, model, runs=RUNS):
     return np.array(errors), covariance, np.array(normalised)
 
 
-@pytest.mark.parametrize("model", ["7d", "6d"])
-@pytest.mark.parametrize("source", SOURCES)
+@pytest.mark.parametrize(
+    ("model", "source"), [*(("7d", source) for source in SOURCES), ("6d", "centres"), ("6d", "all")]
+)
 def test_normalised_squared_errors_are_chi_squared(source, model):
-    """2000 simulated measurements each; docs/statistics.md quotes the table."""
     _, covariance, normalised = errors_and_covariance(source, model)
     unknowns = len(covariance)
     mean = normalised.mean() / unknowns
@@ -178,7 +183,7 @@ def test_shares_sum_to_one_and_name_what_dominates():
 
 
 def test_calibration_errors_do_not_average_out():
-    """Four times the images: the centres' part of the variance shrinks, the calibration's not."""
+    """Four times the images between the same ends: the centres' part shrinks, the other stays."""
     shares = {}
     for images in (2, 8):
         cell = bench_cell(np.random.default_rng(2), images_per_target=images)
@@ -189,8 +194,8 @@ def test_calibration_errors_do_not_average_out():
         found = propagate(problem, adjust(problem, SolveOptions())[0], SolveOptions())
         shares[images] = {name: np.diag(share)[:6] for name, share in found.shares.items()}
     z = 5
-    assert shares[8][IMAGE][z] < 0.5 * shares[2][IMAGE][z]
-    assert shares[8][CALIBRATION][z] > 0.5 * shares[2][CALIBRATION][z]
+    assert shares[8][IMAGE][z] < 0.6 * shares[2][IMAGE][z]
+    assert shares[8][CALIBRATION][z] > 0.9 * shares[2][CALIBRATION][z]
 
 
 def test_a_calibration_covariance_that_is_singular_serves():

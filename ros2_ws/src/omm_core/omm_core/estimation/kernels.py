@@ -29,13 +29,16 @@ from numba import njit
 
 from omm_core.circle import ANGLES, BOUNDARY_POINTS, QUADRATURE_ANGLES
 
+# Divisions need no check (NaN is checked where it matters); products may be fused and reordered.
+_compiled = njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp", "nsz"})
+
 _COS1, _SIN1 = np.cos(ANGLES), np.sin(ANGLES)
 _COS2, _SIN2 = np.cos(2 * ANGLES), np.sin(2 * ANGLES)
 _Q_COS1, _Q_SIN1 = np.cos(QUADRATURE_ANGLES), np.sin(QUADRATURE_ANGLES)
 _Q_COS2, _Q_SIN2 = np.cos(2 * QUADRATURE_ANGLES), np.sin(2 * QUADRATURE_ANGLES)
 
 
-@njit(cache=True)
+@_compiled
 def _polynomial(x, y, k1, k2, k3, p1, p2):
     """Brown's polynomial and its derivative, see lens._polynomial."""
     r2 = x * x + y * y
@@ -49,7 +52,7 @@ def _polynomial(x, y, k1, k2, k3, p1, p2):
     return value_x, value_y, xx, xy, yy
 
 
-@njit(cache=True)
+@_compiled
 def lens_pixel(lens, x, y):
     """Return (col, row) of a ray (x, y, 1), and d(col, row)/d(x, y); NaN where not seen."""
     fx, fy, k1, k2, k3, p1, p2 = lens[1], lens[2], lens[5], lens[6], lens[7], lens[8], lens[9]
@@ -60,7 +63,10 @@ def lens_pixel(lens, x, y):
             a = np.nan
         return fx * a + lens[3], fy * b + lens[4], fx * xx, fx * xy, fy * xy, fy * yy
     ideal_x, ideal_y = fx * x, fy * y
-    a, b = ideal_x, ideal_y
+    shrink = 1.0 / (1.0 + k1 * (ideal_x * ideal_x + ideal_y * ideal_y))
+    if not 0.5 < shrink < 2.0:
+        shrink = 1.0
+    a, b = ideal_x * shrink, ideal_y * shrink
     xx, xy, yy = 1.0, 0.0, 1.0
     found = False
     for _ in range(30):
@@ -85,7 +91,7 @@ def lens_pixel(lens, x, y):
     )  # fmt: skip
 
 
-@njit(cache=True)
+@_compiled
 def set_camera(R_calib, d_calib, R_cnc, d_cnc, gamma_s, A, b, dA, db):
     """Fill ``p_in_camera = A X_M + b`` of one image, and its derivative by γ_s: dA X_M + db.
 
@@ -106,7 +112,7 @@ def set_camera(R_calib, d_calib, R_cnc, d_cnc, gamma_s, A, b, dA, db):
             db[i] -= dA[i, j] * d_cnc[j]
 
 
-@njit(cache=True)
+@_compiled
 def set_outline_weights(outline, kind, weights):
     """Fill the matrices B_k of ``centre = Σ B_k m_k``, see circle.centre_weights."""
     ux = uy = vx = vy = 0.0
@@ -151,7 +157,7 @@ def set_outline_weights(outline, kind, weights):
         weights[k, 1, 1] = n * (1.0 + c2 * a11 + s2 * b11)
 
 
-@njit(cache=True)
+@_compiled
 def predict(lens, kind, A, b, dA, db, points, R, d0, outline, by_machine, by_gamma, weights, J):
     """Return (col, row) of one target, and fill J (2, 7); NaN where the camera cannot see it.
 
@@ -159,6 +165,7 @@ def predict(lens, kind, A, b, dA, db, points, R, d0, outline, by_machine, by_gam
     room to work in.
     """
     count = points.shape[0]
+    m0 = m1 = m2 = 0.0
     for k in range(count):
         X0, X1, X2 = points[k, 0], points[k, 1], points[k, 2]
         m0 = R[0, 0] * X0 + R[0, 1] * X1 + R[0, 2] * X2 + d0[0]
@@ -185,10 +192,14 @@ def predict(lens, kind, A, b, dA, db, points, R, d0, outline, by_machine, by_gam
         by_gamma[k, 0] = l00 * g0 + l01 * g1 + l02 * g2
         by_gamma[k, 1] = l10 * g0 + l11 * g1 + l12 * g2
     if count == 1:
-        weights[0, 0, 0] = weights[0, 1, 1] = 1.0
-        weights[0, 0, 1] = weights[0, 1, 0] = 0.0
-    else:
-        set_outline_weights(outline, kind, weights)
+        r0, r1, r2 = m0 - d0[0], m1 - d0[1], m2 - d0[2]
+        for i in range(2):
+            h0, h1, h2 = by_machine[0, i, 0], by_machine[0, i, 1], by_machine[0, i, 2]
+            J[i, 0], J[i, 1], J[i, 2] = h2 * r1 - h1 * r2, h0 * r2 - h2 * r0, h1 * r0 - h0 * r1
+            J[i, 3], J[i, 4], J[i, 5] = h0, h1, h2
+            J[i, 6] = by_gamma[0, i]
+        return outline[0, 0], outline[0, 1]
+    set_outline_weights(outline, kind, weights)
     J[:, :] = 0.0
     centre_col = centre_row = 0.0
     for k in range(count):
@@ -214,7 +225,7 @@ def predict(lens, kind, A, b, dA, db, points, R, d0, outline, by_machine, by_gam
     return centre_col, centre_row
 
 
-@njit(cache=True)
+@_compiled
 def predict_all(lens, kind, R_calib, d_calib, R_cnc, d_cnc, image_of, target_of, points, R, d0,
                 gamma_s, pixels, jacobians):  # fmt: skip
     """Fill the predicted pixels (N, 2) and their derivatives (N, 2, 7)."""
@@ -233,7 +244,7 @@ def predict_all(lens, kind, R_calib, d_calib, R_cnc, d_cnc, image_of, target_of,
         )  # fmt: skip
 
 
-@njit(cache=True)
+@_compiled
 def normal_equations(lens, kind, R_calib, d_calib, R_cnc, d_cnc, image_of, target_of, points,
                      measured, information, R, d0, gamma_s, N, g):  # fmt: skip
     """Fill N = JᵀWJ (7, 7) and g = Jᵀ W r (7,); return rᵀWr, infinite where not all is seen.
@@ -273,7 +284,7 @@ def normal_equations(lens, kind, R_calib, d_calib, R_cnc, d_cnc, image_of, targe
     return cost
 
 
-@njit(cache=True)
+@_compiled
 def rotate(R, wx, wy, wz, rotated):
     """Fill exp([ω]x) R (Rodrigues)."""
     angle2 = wx * wx + wy * wy + wz * wz
@@ -294,7 +305,7 @@ def rotate(R, wx, wy, wz, rotated):
         rotated[2, j] = e20 * r0 + e21 * r1 + e22 * r2
 
 
-@njit(cache=True)
+@_compiled
 def solve_damped(N, g, size, damping, L, step):
     """Fill step = -(N + damping diag N)⁻¹ g by Cholesky, scaled; False where not definite."""
     for i in range(size):
@@ -328,7 +339,7 @@ def solve_damped(N, g, size, damping, L, step):
     return True
 
 
-@njit(cache=True)
+@_compiled
 def gauss_newton(lens, kind, R_calib, d_calib, R_cnc, d_cnc, image_of, target_of, points,
                  measured, information, size, iterations, tolerance,
                  R, d0, gamma, N):  # fmt: skip
