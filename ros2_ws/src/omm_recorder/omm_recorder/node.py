@@ -188,9 +188,8 @@ class RecorderNode(Node):
                 except InputError as error:
                     self.get_logger().warning(str(error))
 
-    def _tell(self, serious: bool, text: str) -> None:
-        log = self.get_logger()
-        (log.error if serious else log.info)(text)
+    def _tell(self, text: str) -> None:
+        self.get_logger().error(text)
 
     def _health(self) -> Health:
         state = self.recorder.state()

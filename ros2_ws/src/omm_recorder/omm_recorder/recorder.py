@@ -63,11 +63,11 @@ class Recorder:
     limits
         When to warn and when to stop.
     tell
-        Called with what people must know at once: (is it an error, text).
+        Called with what people must know at once.
     """
 
     def __init__(
-        self, writer: RecordingWriter, limits: Limits, tell: Callable[[bool, str], None]
+        self, writer: RecordingWriter, limits: Limits, tell: Callable[[str], None]
     ) -> None:
         self._writer = writer
         self._limits = limits
@@ -182,7 +182,7 @@ class Recorder:
         except OSError as error:
             reason = f"{error.strerror} while writing {self._writer.unfinished}"
             self._trouble = f"Recording has ended: {reason}"
-            self._tell(True, f"{self._trouble}. What was written until now is kept.")
+            self._tell(f"{self._trouble}. What was written until now is kept.")
         self._end(reason)
 
     def _write_until_stopped(self) -> str:
@@ -216,7 +216,7 @@ class Recorder:
                     f"{self._writer.unfinished} was removed while it is being written; it will be "
                     "made again when the recording ends. Do not stop this by force"
                 )
-                self._tell(True, self._trouble)
+                self._tell(self._trouble)
             return True
         self._free_bytes = self._free()
         usable = max(0, self._free_bytes - self._limits.stop_free_bytes)
@@ -226,7 +226,7 @@ class Recorder:
                 f"Recording has ended: {self._free_bytes >> 20} MB are left on the disk of "
                 f"{self._writer.path.parent}"
             )
-            self._tell(True, f"{self._trouble}. What was written until now is kept.")
+            self._tell(f"{self._trouble}. What was written until now is kept.")
             return False
         self._warn_of_space()
         return True
@@ -234,7 +234,7 @@ class Recorder:
     def _warn_of_space(self) -> None:
         near = self._left_s < self._limits.warn_left_s
         if near and "left on" not in self._trouble:
-            self._tell(True, f"{self._space()}: make space or stop soon.")
+            self._tell(f"{self._space()}: make space or stop soon.")
         if near:
             self._trouble = self._space()
         elif "left on" in self._trouble:
@@ -262,7 +262,7 @@ class Recorder:
         except OmmError as error:
             self._failure = error
             self._trouble = str(error)
-            self._tell(True, str(error))
+            self._tell(str(error))
 
     def _flush_before_counting(self) -> None:
         try:
@@ -282,7 +282,7 @@ class Recorder:
         self._told_loss_s = now_s
         state = self.state()
         total = f"{state.lost} lost here and {state.missing} on the way so far"
-        self._tell(True, f"Recording is incomplete: {text} ({total}).")
+        self._tell(f"Recording is incomplete: {text} ({total}).")
 
 
 def _write(

@@ -29,7 +29,7 @@ def told() -> list[str]:
 @pytest.fixture
 def recorder(tmp_path: Path, topics: Any, told: list[str]) -> Recorder:
     writer = RecordingWriter(tmp_path / "run.mcap", RecordingOptions())
-    recorder = Recorder(writer, Limits(queue_bytes=1 << 20), lambda _, text: told.append(text))
+    recorder = Recorder(writer, Limits(queue_bytes=1 << 20), told.append)
     for topic in topics:
         recorder.add_topic(topic)
     return recorder
@@ -114,7 +114,7 @@ def test_too_little_space_left_ends_the_recording_soundly(
 ) -> None:
     writer = RecordingWriter(tmp_path / "run.mcap", RecordingOptions())
     limits = Limits(stop_free_bytes=1 << 60)
-    recorder = Recorder(writer, limits, lambda _, text: told.append(text))
+    recorder = Recorder(writer, limits, told.append)
     recorder.add_topic(topics[1])
     put(recorder, samples[0])
     wait_until(lambda: not recorder.state().recording)

@@ -36,7 +36,7 @@ WRITE_FOREVER = textwrap.dedent(
 
     options = RecordingOptions(compression=sys.argv[2])
     writer = RecordingWriter(Path(sys.argv[1]) / "run.mcap", options)
-    tell = lambda serious, text: print("told", text, flush=True)
+    tell = lambda text: print("told", text, flush=True)
     recorder = Recorder(writer, Limits(stop_free_bytes=int(sys.argv[3])), tell)
     topic = TopicToRecord(name="/t", type_name="std_msgs/msg/String", definition="string data",
                           type_hash="", qos=TopicQos())
@@ -307,7 +307,7 @@ def test_a_folder_that_is_removed_is_told_of_and_made_again(
     folder = tmp_path / "run"
     told: list[str] = []
     writer = RecordingWriter(folder / "run.mcap", RecordingOptions())
-    recorder = Recorder(writer, Limits(), lambda _, text: told.append(text))
+    recorder = Recorder(writer, Limits(), told.append)
     recorder.add_topic(topics[1])
     poses = [s for s in samples if s.topic == topics[1].name]
     for s in poses:
@@ -326,7 +326,7 @@ def test_a_disk_that_fails_is_told_of(
 ) -> None:
     told: list[str] = []
     writer = RecordingWriter(tmp_path / "run.mcap", RecordingOptions())
-    recorder = Recorder(writer, Limits(), lambda _, text: told.append(text))
+    recorder = Recorder(writer, Limits(), told.append)
     recorder.add_topic(topics[0])
     images = [s for s in samples if s.topic == topics[0].name]
     recorder.put(images[0].topic, images[0].data, 1, images[0].log_ns, images[0].publish_ns)
