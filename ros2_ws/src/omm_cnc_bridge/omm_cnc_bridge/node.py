@@ -227,9 +227,12 @@ class CncBridgeNode(Node):
         changed = connection is not self._connection
         self._connection, self._detail = connection, detail
         if changed:
-            lost = connection in (Connection.STALE, Connection.DISCONNECTED)
-            say = self.get_logger().warning if lost else self.get_logger().info
-            say(f"{self._p.control}: {connection.name.lower()}{': ' if detail else ''}{detail}")
+            words = f"{self._p.control}: {connection.name.lower()}{': ' if detail else ''}{detail}"
+            # One line each: rclpy lets a line log in one severity only.
+            if connection in (Connection.STALE, Connection.DISCONNECTED):
+                self.get_logger().warning(words)
+            else:
+                self.get_logger().info(words)
             self._publish_state()
 
     def _lost(self, error: DeviceError) -> None:
