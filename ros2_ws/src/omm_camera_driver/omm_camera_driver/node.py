@@ -9,6 +9,7 @@ from typing import Any
 
 from geometry_msgs.msg import PoseStamped
 from omm_interfaces.srv import TriggerImage
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import CameraInfo, Image
@@ -100,20 +101,30 @@ class CameraNode(LifecycleNode):
         """Publish an image and its camera_info."""
         frame_id = self._wanted.frame_id
         image = image_message(frame.image, frame.exposure_mid_ns, frame_id)
-        self._images.publish(image)
-        self._infos.publish(self._info_for(frame, image))
+        self._while_ros_runs(lambda: self._images.publish(image))
+        self._while_ros_runs(lambda: self._infos.publish(self._info_for(frame, image)))
 
     def on_connected(self, camera: Camera) -> None:
         """Tell once who it is and what it granted."""
         self._diagnostics.hardware_id = camera.serial
         granted = ", ".join(f"{name} {value}" for name, value in camera.granted.items())
-        self.get_logger().info(f"Connected: {camera}" + (f" ({granted})" if granted else ""))
-        self._diagnostics.publish()
+        text = f"Connected: {camera}" + (f" ({granted})" if granted else "")
+        self._while_ros_runs(lambda: self.get_logger().info(text))
+        self._while_ros_runs(self._diagnostics.publish)
 
     def on_problem(self, problem: str) -> None:
         """Tell once what is wrong; the diagnostics go on telling it."""
-        self.get_logger().warning(problem, throttle_duration_sec=1.0)
-        self._diagnostics.publish()
+        self._while_ros_runs(lambda: self.get_logger().warning(problem))
+        self._while_ros_runs(self._diagnostics.publish)
+
+    def _while_ros_runs(self, say: Callable[[], object]) -> None:
+        """Say something, unless Ctrl-C has ended ROS beneath the worker."""
+        try:
+            if self.context.ok():
+                say()
+        except RCLError:
+            if self.context.ok():
+                raise
 
     # --- what ROS asks ---
 
