@@ -11,7 +11,8 @@ ALLOWED = {
     "omm_core": CORE,
     "omm_simulation": CORE | {"omm_simulation"},
     "omm_ros": CORE | {"omm_ros", "omm_interfaces"},
-    "omm_camera_driver": CORE | {"omm_camera_driver", "omm_ros", "omm_interfaces", "omm_simulation"},
+    "omm_camera_driver": CORE
+    | {"omm_camera_driver", "omm_ros", "omm_interfaces", "omm_simulation"},
     "omm_cnc_bridge": CORE | {"omm_cnc_bridge", "omm_ros", "omm_interfaces", "omm_simulation"},
     "omm_estimator": CORE | {"omm_estimator", "omm_ros", "omm_interfaces"},
     "omm_recorder": CORE | {"omm_recorder", "omm_ros", "omm_interfaces"},

@@ -36,7 +36,7 @@ def main(arguments: list[str] | None = None) -> int:
     command = importlib.import_module(f"omm_bringup.commands.{name}")
     parser = argparse.ArgumentParser(
         prog=f"./omm {name}",
-        description=f"{COMMANDS[name][0].upper()}{COMMANDS[name][1:]}.",
+        description=f"{COMMANDS[name][0].upper()}{COMMANDS[name][1:]}".rstrip("?.") + ".",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.add_arguments(parser)

@@ -1,0 +1,43 @@
+"""What the tests of the suite as a whole share: commands as a user gives them."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+SHARED = ROOT.parent / "shared" / "data"
+
+Omm = Callable[..., "subprocess.CompletedProcess[str]"]
+
+
+@pytest.fixture()
+def omm(tmp_path: Path) -> Omm:
+    """Run `./omm COMMAND …` (in the environment that these tests run in) in a folder of its own."""
+
+    def run(*arguments: object, status: int = 0) -> "subprocess.CompletedProcess[str]":
+        done = subprocess.run(
+            [sys.executable, "-m", "omm_bringup.command_line", *map(str, arguments)],
+            cwd=tmp_path,
+            env={**os.environ, "COLUMNS": "100"},
+            capture_output=True,
+            text=True,
+            timeout=200,
+            check=False,
+        )
+        assert done.returncode == status, f"status {done.returncode}\n{done.stdout}\n{done.stderr}"
+        return done
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def bench_run() -> Path:
+    """The run that an independent program made, with its truth beside it."""
+    folder = SHARED / "bench"
+    if not folder.is_dir():
+        pytest.skip("the run of the independent program is not here (../shared/data/bench)")
+    return folder
