@@ -3,18 +3,13 @@
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-
-ROOT = Path(__file__).parents[1]
-SHARED = ROOT.parent / "shared" / "data"
-
-Omm = Callable[..., "subprocess.CompletedProcess[str]"]
+from whole_suite import SHARED, Omm
 
 
-@pytest.fixture()
+@pytest.fixture
 def omm(tmp_path: Path) -> Omm:
     """Run `./omm COMMAND …` (in the environment that these tests run in) in a folder of its own."""
 

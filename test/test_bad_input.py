@@ -4,7 +4,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from conftest import Omm
+from whole_suite import Omm
 
 CASES = {
     "no such run": (["nowhere"], "nowhere"),
@@ -19,7 +19,7 @@ CASES = {
 }
 
 
-@pytest.fixture()
+@pytest.fixture
 def files(bench_run: Path, tmp_path: Path) -> dict[str, Path]:
     part, camera = (bench_run / "part.yaml").read_text(), (bench_run / "camera.yaml").read_text()
     contents = {

@@ -4,7 +4,7 @@ import json
 import math
 from pathlib import Path
 
-from conftest import Omm
+from whole_suite import Omm
 
 # mm and rad; issue: x, y 0.001 mm, z 0.003 mm, α, β 0.003 mm/m, γ 0.001 mm/m, γ_s 0.006 mm/m.
 LARGEST_ERRORS = {

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Omm
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
+from whole_suite import Omm
 
 TOPICS = {
     "/camera/image_raw": "sensor_msgs/msg/Image",

@@ -5,7 +5,7 @@ import shlex
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, Omm
+from whole_suite import ROOT, Omm
 
 from omm_bringup.command_line import COMMANDS
 
