@@ -91,7 +91,7 @@ class Measurement:
         """Add where the spindle was at a time; in any order."""
         self._poses.add(stamp_ns, machine_T_spindle)
 
-    def add_image(self, stamp_ns: int, image: NDArray[np.generic]) -> Detection:
+    def add_image(self, stamp_ns: int, image: NDArray[np.uint8] | NDArray[np.uint16]) -> Detection:
         """Find the targets in an image (H, W) and add them.
 
         Raises

@@ -158,16 +158,52 @@ def set_outline_weights(outline, kind, weights):
 
 
 @_compiled
-def predict(lens, kind, A, b, dA, db, points, R, d0, outline, by_machine, by_gamma, weights, J):
-    """Return (col, row) of one target, and fill J (2, 7); NaN where the camera cannot see it.
+def predict_point(lens, A, b, dA, db, X, R, d0, J):
+    """Return (col, row) of a point, and fill J (2, 7): the paper's model, without circles."""
+    r0 = R[0, 0] * X[0] + R[0, 1] * X[1] + R[0, 2] * X[2]
+    r1 = R[1, 0] * X[0] + R[1, 1] * X[1] + R[1, 2] * X[2]
+    r2 = R[2, 0] * X[0] + R[2, 1] * X[1] + R[2, 2] * X[2]
+    m0, m1, m2 = r0 + d0[0], r1 + d0[1], r2 + d0[2]
+    w = A[2, 0] * m0 + A[2, 1] * m1 + A[2, 2] * m2 + b[2]
+    if not w > 0.0:
+        return np.nan, np.nan
+    h = 1.0 / w
+    x = h * (A[0, 0] * m0 + A[0, 1] * m1 + A[0, 2] * m2 + b[0])
+    y = h * (A[1, 0] * m0 + A[1, 1] * m1 + A[1, 2] * m2 + b[1])
+    col, row, l00, l01, l10, l11 = lens_pixel(lens, x, y)
+    l00, l01, l10, l11 = l00 * h, l01 * h, l10 * h, l11 * h
+    l02, l12 = -(l00 * x + l01 * y), -(l10 * x + l11 * y)
+    a0 = l00 * A[0, 0] + l01 * A[1, 0] + l02 * A[2, 0]
+    a1 = l00 * A[0, 1] + l01 * A[1, 1] + l02 * A[2, 1]
+    a2 = l00 * A[0, 2] + l01 * A[1, 2] + l02 * A[2, 2]
+    b0 = l10 * A[0, 0] + l11 * A[1, 0] + l12 * A[2, 0]
+    b1 = l10 * A[0, 1] + l11 * A[1, 1] + l12 * A[2, 1]
+    b2 = l10 * A[0, 2] + l11 * A[1, 2] + l12 * A[2, 2]
+    g0 = dA[0, 0] * m0 + dA[0, 1] * m1 + dA[0, 2] * m2 + db[0]
+    g1 = dA[1, 0] * m0 + dA[1, 1] * m1 + dA[1, 2] * m2 + db[1]
+    g2 = dA[2, 0] * m0 + dA[2, 1] * m1 + dA[2, 2] * m2 + db[2]
+    # d(X_M)/dω_j = e_j x (R_p Y)
+    J[0, 0], J[0, 1], J[0, 2] = a2 * r1 - a1 * r2, a0 * r2 - a2 * r0, a1 * r0 - a0 * r1
+    J[1, 0], J[1, 1], J[1, 2] = b2 * r1 - b1 * r2, b0 * r2 - b2 * r0, b1 * r0 - b0 * r1
+    J[0, 3], J[0, 4], J[0, 5] = a0, a1, a2
+    J[1, 3], J[1, 4], J[1, 5] = b0, b1, b2
+    J[0, 6] = l00 * g0 + l01 * g1 + l02 * g2
+    J[1, 6] = l10 * g0 + l11 * g1 + l12 * g2
+    return col, row
+
+
+@_compiled
+def predict(lens, kind, A, b, dA, db, points, t, R, d0, outline, by_machine, by_gamma, weights, J):
+    """Return (col, row) of target t, and fill J (2, 7); NaN where the camera cannot see it.
 
     ``outline`` (P, 2), ``by_machine`` (P, 2, 3), ``by_gamma`` (P, 2), ``weights`` (P, 2, 2) are
     room to work in.
     """
-    count = points.shape[0]
-    m0 = m1 = m2 = 0.0
+    count = points.shape[1]
+    if count == 1:
+        return predict_point(lens, A, b, dA, db, points[t, 0], R, d0, J)
     for k in range(count):
-        X0, X1, X2 = points[k, 0], points[k, 1], points[k, 2]
+        X0, X1, X2 = points[t, k, 0], points[t, k, 1], points[t, k, 2]
         m0 = R[0, 0] * X0 + R[0, 1] * X1 + R[0, 2] * X2 + d0[0]
         m1 = R[1, 0] * X0 + R[1, 1] * X1 + R[1, 2] * X2 + d0[1]
         m2 = R[2, 0] * X0 + R[2, 1] * X1 + R[2, 2] * X2 + d0[2]
@@ -191,19 +227,11 @@ def predict(lens, kind, A, b, dA, db, points, R, d0, outline, by_machine, by_gam
         g2 = dA[2, 0] * m0 + dA[2, 1] * m1 + dA[2, 2] * m2 + db[2]
         by_gamma[k, 0] = l00 * g0 + l01 * g1 + l02 * g2
         by_gamma[k, 1] = l10 * g0 + l11 * g1 + l12 * g2
-    if count == 1:
-        r0, r1, r2 = m0 - d0[0], m1 - d0[1], m2 - d0[2]
-        for i in range(2):
-            h0, h1, h2 = by_machine[0, i, 0], by_machine[0, i, 1], by_machine[0, i, 2]
-            J[i, 0], J[i, 1], J[i, 2] = h2 * r1 - h1 * r2, h0 * r2 - h2 * r0, h1 * r0 - h0 * r1
-            J[i, 3], J[i, 4], J[i, 5] = h0, h1, h2
-            J[i, 6] = by_gamma[0, i]
-        return outline[0, 0], outline[0, 1]
     set_outline_weights(outline, kind, weights)
     J[:, :] = 0.0
     centre_col = centre_row = 0.0
     for k in range(count):
-        X0, X1, X2 = points[k, 0], points[k, 1], points[k, 2]
+        X0, X1, X2 = points[t, k, 0], points[t, k, 1], points[t, k, 2]
         r0 = R[0, 0] * X0 + R[0, 1] * X1 + R[0, 2] * X2
         r1 = R[1, 0] * X0 + R[1, 1] * X1 + R[1, 2] * X2
         r2 = R[2, 0] * X0 + R[2, 1] * X1 + R[2, 2] * X2
@@ -239,7 +267,7 @@ def predict_all(lens, kind, R_calib, d_calib, R_cnc, d_cnc, image_of, target_of,
             last = image_of[n]
             set_camera(R_calib, d_calib, R_cnc[last], d_cnc[last], gamma_s, A, b, dA, db)
         pixels[n, 0], pixels[n, 1] = predict(
-            lens, kind, A, b, dA, db, points[target_of[n]], R, d0,
+            lens, kind, A, b, dA, db, points, target_of[n], R, d0,
             outline, by_machine, by_gamma, weights, jacobians[n],
         )  # fmt: skip
 
@@ -264,7 +292,7 @@ def normal_equations(lens, kind, R_calib, d_calib, R_cnc, d_cnc, image_of, targe
             last = image_of[n]
             set_camera(R_calib, d_calib, R_cnc[last], d_cnc[last], gamma_s, A, b, dA, db)
         col, row = predict(
-            lens, kind, A, b, dA, db, points[target_of[n]], R, d0,
+            lens, kind, A, b, dA, db, points, target_of[n], R, d0,
             outline, by_machine, by_gamma, weights, J,
         )  # fmt: skip
         r0, r1 = col - measured[n, 0], row - measured[n, 1]

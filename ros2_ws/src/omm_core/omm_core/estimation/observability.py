@@ -47,7 +47,7 @@ def too_few(problem: Problem, options: SolveOptions) -> list[str]:
     if missing > 0:
         return [
             f"all: {2 * len(problem)} coordinates were measured for {options.unknowns} unknowns;"
-            f" take {-(-missing // 2)} more images of any target of the part."
+            f" take at least {-(-missing // 2)} more image(s) of any target of the part."
         ]
     return []
 
