@@ -72,7 +72,7 @@ class LinuxCncControl:
 
     def connect(self) -> None:
         """Start the reader and wait until it has found LinuxCNC."""
-        self.close()
+        self._end_reader()
         try:
             self._child = subprocess.Popen(
                 self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0
@@ -117,6 +117,11 @@ class LinuxCncControl:
         self._ask(do="mdi", text=text)
 
     def close(self) -> None:
+        self._end_reader()
+
+    # --- the child -----------------------------------------------------------------------------
+
+    def _end_reader(self) -> None:
         child, self._child = self._child, None
         if child is None:
             return
@@ -128,8 +133,6 @@ class LinuxCncControl:
         except subprocess.TimeoutExpired:
             child.kill()
             child.wait()
-
-    # --- the child -----------------------------------------------------------------------------
 
     def _lines(self, timeout_s: float) -> list[bytes]:
         child = self._child

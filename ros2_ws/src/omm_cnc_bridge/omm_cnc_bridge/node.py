@@ -92,22 +92,26 @@ class CncBridgeNode(Node):
     # --- the reading thread --------------------------------------------------------------------
 
     def _run(self) -> None:
-        """Connect, read until the connection is lost, and so on until the end."""
-        while not self._stopping.is_set():
-            try:
-                self._set_connection(Connection.CONNECTING, "no sample yet")
-                self._control.connect()
-                while not self._stopping.is_set():
-                    self._read()
-            except DeviceError as error:
-                self._lost(error)
-            except Exception as error:  # ends the node: the timer raises it in the main thread
-                if self.context.ok():
-                    self._failure = error
-                return
-            finally:
-                self._control.close()
-            self._stopping.wait(self._p.reconnect_s)
+        """Read until the end; what goes wrong unforeseen ends the node."""
+        try:
+            while not self._stopping.is_set():
+                self._run_connection()
+                self._stopping.wait(self._p.reconnect_s)
+        except Exception as error:  # the timer raises it in the main thread
+            if self.context.ok():
+                self._failure = error
+
+    def _run_connection(self) -> None:
+        """Connect, and read until the connection is lost."""
+        try:
+            self._set_connection(Connection.CONNECTING, "no sample yet")
+            self._control.connect()
+            while not self._stopping.is_set():
+                self._read()
+        except DeviceError as error:
+            self._lost(error)
+        finally:
+            self._control.close()
 
     def _read(self) -> None:
         samples = self._control.read(0.05)

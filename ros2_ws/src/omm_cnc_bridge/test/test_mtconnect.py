@@ -1,0 +1,181 @@
+"""The MTConnect adapter against an agent over HTTP, fault cases included."""
+
+import math
+import threading
+import time
+
+import numpy as np
+import pytest
+from mtconnect_agent import Agent
+
+from omm_cnc_bridge.control import Mode, ProgramState
+from omm_cnc_bridge.mtconnect import MtConnectControl
+from omm_cnc_bridge.mtconnect_model import read_device, read_document, stamp_ns
+from omm_core.errors import DeviceError, InputError
+
+GOOD = {"avail": "AVAILABLE", "xa": 71.45, "xc": 71.45, "ya": -2, "ba": 90, "xw": 999,
+        "mode": "AUTOMATIC", "exec": "ACTIVE", "prog": "measure.ngc", "line": 12}  # fmt: skip
+
+
+class Mover:
+    """Moves X at 100 Hz in a thread."""
+
+    def __init__(self, agent: Agent) -> None:
+        self._agent, self._stop = agent, threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def __enter__(self) -> None:
+        self._thread.start()
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        x = 0.0
+        while not self._stop.wait(0.01):
+            x += 0.1
+            self._agent.tell(xa=x, xc=x + 0.02)
+
+
+@pytest.fixture(params=["1.3", "2.2"])
+def agent(request):
+    with Agent(version=request.param) as running:
+        running.tell(**GOOD)
+        yield running
+
+
+@pytest.fixture
+def control(agent):
+    made = MtConnectControl(agent.url, rate_hz=100)
+    made.connect()
+    yield made
+    made.close()
+
+
+def read(control, seconds, until=lambda s: False):
+    samples = []
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        for sample in control.read(0.05):
+            samples.append(sample)
+            if until(sample):
+                return samples
+    return samples
+
+
+def test_axes_units_and_state_are_what_the_device_declares(control):
+    last = read(control, 2.0, lambda s: True)[-1]
+    assert last.positions == pytest.approx({"X": 71.45, "Y": -2.0, "B": math.pi / 2}, abs=1e-12)
+    assert last.commanded == pytest.approx({"X": 71.45})
+    assert (last.mode, last.program_state) == (Mode.AUTOMATIC, ProgramState.RUNNING)
+    assert (last.program, last.program_line) == ("measure.ngc", 12)
+    assert last.fault is None
+
+
+def test_every_motion_arrives_once_in_order_with_its_stamp(agent, control):
+    with Mover(agent):
+        read(control, 3.0)
+        samples = read(control, 2.0)
+    x = np.array([s.positions["X"] for s in samples])
+    steps = np.diff(x[x != 71.45])
+    assert np.all(steps > -1e-9)
+    assert np.max(steps) < 0.1001  # not one of 100 values a second is missing
+    assert len(samples) > 100
+    assert 0 < time.time_ns() - samples[-1].stamp_ns < 500_000_000
+
+
+def test_at_rest_heartbeats_make_samples_that_admit_their_interval(control):
+    samples = read(control, 2.0)
+    assert len(samples) > 40
+    assert all(5_000_000 < s.stamp_uncertainty_ns < 10_000_000 for s in samples)
+
+
+def test_unavailable_is_a_fault(agent, control):
+    read(control, 0.3)
+    agent.tell(xa="UNAVAILABLE")
+    assert "X: UNAVAILABLE" in read(control, 2.0, lambda s: s.fault is not None)[-1].fault
+    agent.tell(avail="UNAVAILABLE")
+    last = read(control, 2.0, lambda s: "agent" in (s.fault or ""))[-1]
+    assert "does not hear the control" in last.fault
+
+
+def test_agent_restart_is_noticed_and_survived(agent, control):
+    read(control, 0.3)
+    agent.restart()
+    with pytest.raises(DeviceError, match="started anew"):
+        read(control, 3.0)
+    agent.tell(**GOOD)
+    control.connect()
+    assert read(control, 2.0, lambda s: s.fault is None)
+
+
+def test_an_overrun_buffer_is_not_passed_over():
+    with Agent(size=16) as agent:
+        agent.tell(**GOOD)
+        control = MtConnectControl(agent.url, rate_hz=100)
+        control.connect()
+        agent.hang = True
+        for x in range(100):
+            agent.tell(xa=x)
+        agent.hang = False
+        with pytest.raises(DeviceError, match="ran over"):
+            read(control, 3.0)
+        control.connect()
+        assert read(control, 2.0, lambda s: s.positions.get("X") == 99.0)
+        control.close()
+
+
+def test_an_agent_that_hangs_gives_no_samples_and_is_given_up(agent, control):
+    read(control, 0.3)
+    agent.hang = True
+    read(control, 0.2)
+    assert read(control, 1.0) == []
+    with pytest.raises(DeviceError, match="silent"):
+        read(control, 6.0)
+
+
+def test_a_clock_an_hour_off_is_mapped(agent, control):
+    agent.clock_s = -3600.0
+    with Mover(agent):
+        read(control, 2.0)
+        last = read(control, 1.0)[-1]
+    assert abs(time.time_ns() - last.stamp_ns) < 300_000_000
+
+
+def test_no_agent_is_a_device_error():
+    with pytest.raises(DeviceError, match=r"127\.0\.0\.1:9"):
+        MtConnectControl("http://127.0.0.1:9", rate_hz=100).connect()
+
+
+def test_unknown_device_names_those_that_are_there(agent):
+    with pytest.raises(InputError, match="the agent has mill"):
+        MtConnectControl(agent.url, rate_hz=100, device="lathe").connect()
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("2026-11-22T20:00:00Z", 1795377600_000000000),
+        ("2026-11-22T20:00:00.5Z", 1795377600_500000000),
+        ("2026-11-22T20:00:00.123456789Z", 1795377600_123456789),
+    ],
+)
+def test_stamps_keep_every_digit(text, expected):
+    assert stamp_ns(text) == expected
+
+
+def test_errors_of_the_agent_are_passed_on():
+    text = b"""<MTConnectError><Header/><Errors><Error errorCode="OUT_OF_RANGE">'from' must be
+        greater than 0.</Error></Errors></MTConnectError>"""
+    with pytest.raises(DeviceError, match="OUT_OF_RANGE"):
+        read_document(text)
+
+
+def test_work_coordinates_alone_are_refused():
+    text = b"""<MTConnectDevices><Devices><Device name="m"><Components><Axes><Components>
+      <Linear name="X"><DataItems><DataItem id="x" type="POSITION" subType="ACTUAL" units="MILLIMETER"
+      coordinateSystem="WORK"/></DataItems></Linear></Components></Axes></Components></Device>
+      </Devices></MTConnectDevices>"""
+    with pytest.raises(InputError, match="machine coordinates"):
+        read_device(text, "")
