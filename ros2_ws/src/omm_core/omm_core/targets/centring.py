@@ -55,8 +55,8 @@ def _ring_share(u, v, rho, length, inner, s, bits, phase):  # type: ignore[no-un
 
 
 @numba.njit(cache=True)
-def _window(image, start, widest, inside_most, inner):  # type: ignore[no-untyped-def]
-    """Pixels around the dot's edge, (N, 2) col, row: from deep inside to well before the ring."""
+def _window(image, start, widest, inner):  # type: ignore[no-untyped-def]
+    """Pixels (N, 2) col, row: the dot and the gap, up to well before the ring."""
     height, width = image.shape
     x0, y0, xx, xy, yy = start[0], start[1], start[2], start[3], start[4]
     a11, a12, a22 = square_root(xx, xy, yy)
@@ -74,7 +74,7 @@ def _window(image, start, widest, inside_most, inner):  # type: ignore[no-untype
             rho = math.sqrt(wx * hx + wy * hy) + 1e-12
             length = rho / (math.sqrt(hx * hx + hy * hy) + 1e-12)
             d = (rho - 1.0) * length
-            if d < -inside_most or d > widest or (d > 1.0 and d > 0.6 * (inner - 1.0) * length):
+            if d > widest or (d > 1.0 and d > 0.6 * (inner - 1.0) * length):
                 continue
             pixels[count, 0], pixels[count, 1] = col, row
             count += 1
@@ -112,8 +112,8 @@ def fit_dot(image, start, sign, inner, bits, phase, read, gain, saturation, prio
     right = np.zeros(n)
     g = np.zeros(n)
     converged = False
-    widest = 4.0 * s_start + 4.0
-    pixels = _window(image, start, widest, 4.0 * s_start + 8.0, inner)
+    widest = max(4.0 * s_start + 4.0, 0.6 * (inner - 1.0) * reach)
+    pixels = _window(image, start, widest, inner)
     for turn in range(9):
         normal[:] = 0.0
         right[:] = 0.0
@@ -236,62 +236,82 @@ def fit_dot(image, start, sign, inner, bits, phase, read, gain, saturation, prio
 
 
 @numba.njit(cache=True)
-def ring_light(image, start, lean_x, lean_y, inner, outer, bits, phase, s, saturation):  # type: ignore[no-untyped-def]  # fmt: skip
-    """Planes of light through the ring's set areas and through its clear ones with the gap.
+def ring_light(image, start, inner, outer, bits, phase, s, saturation):  # type: ignore[no-untyped-def]  # fmt: skip
+    """Planes of light F and B through what lies around the dot, ring and gap.
+
+    A pixel shows B + (F - B) R with R its share of the ring; where R is steep, a wrong radius would
+    look like light, so edges are left out.
 
     Returns
     -------
-    normal (2, 3, 3), right (2, 3), squares (2,), count (2,) of the least squares of
-    I = i0 + ix tx + iy ty for set [0] and clear [1] (t in dot radii).
+    normal (6, 6), right (6,): least squares for (f0, fx, fy, b0, bx, by), slopes per dot radius.
+    count (2,) of set [0] and clear [1] pixels. taken (N, 4): the pixels, for `ring_scatter`.
     """
     height, width = image.shape
     a11, a12, a22 = square_root(start[2], start[3], start[4])
-    i = a11 * a22 - a12 * a12
-    r0 = math.sqrt(i)
-    reach = outer * max(math.hypot(a11, a12), math.hypot(a12, a22)) * 1.1 + 1.0
-    small = i / math.sqrt(0.5 * (a11 * a11 + 2 * a12 * a12 + a22 * a22))
+    det = a11 * a22 - a12 * a12
+    r0 = math.sqrt(det)
+    reach = outer * max(math.hypot(a11, a12), math.hypot(a12, a22)) + 2.0 * s + 1.0
     stride = max(1, int(r0 / 8.0))
     n = len(bits)
     pitch = 2.0 * math.pi / n
-    normal = np.zeros((2, 3, 3))
-    right = np.zeros((2, 3))
-    squares = np.zeros(2)
+    normal = np.zeros((6, 6))
+    right = np.zeros(6)
     count = np.zeros(2)
-    margin = (3.0 * s + 0.5) / small
-    t = np.empty(3)
-    t[0] = 1.0
-    for row in range(max(int(start[1] - reach), 0), min(int(start[1] + reach) + 1, height), stride):
-        for col in range(max(int(start[0] - reach), 0), min(int(start[0] + reach) + 1, width), stride):
+    g = np.empty(6)
+    rows = range(max(int(start[1] - reach), 0), min(int(start[1] + reach) + 1, height), stride)
+    columns = range(max(int(start[0] - reach), 0), min(int(start[0] + reach) + 1, width), stride)
+    taken = np.empty((len(rows) * len(columns), 4))
+    used = 0
+    for row in rows:
+        for col in columns:
             dx, dy = col - start[0], row - start[1]
-            u, v = (a22 * dx - a12 * dy) / i, (a11 * dy - a12 * dx) / i
-            w = 1.0 - lean_x * u - lean_y * v
-            u, v = u / w, v / w
+            u, v = (a22 * dx - a12 * dy) / det, (a11 * dy - a12 * dx) / det
             rho = math.sqrt(u * u + v * v)
-            if rho < 1.0 + margin or rho > outer - margin:
+            if rho < 1.0 + 0.6 * (inner - 1.0) or rho > outer:
                 continue
-            kind = 1
-            if rho > inner - margin:
+            # Pixels per dot radius across circles, and per radian across the sectors' borders.
+            across = rho * det / math.hypot(a22 * u - a12 * v, a11 * v - a12 * u)
+            z_in, z_out = (rho - inner) * across / s, (outer - rho) * across / s
+            share = 0.0
+            if z_in > -3.0:
                 turn = (math.atan2(v, u) - phase) / pitch
                 k = int(math.floor(turn + 0.5))
-                here = bits[int(math.floor(turn)) % n]
-                other = bits[(k - 1) % n] + bits[k % n]
-                close = abs(turn - k) * pitch * rho < margin
-                if close and other == 1:
-                    continue
-                if here > 0:
-                    if rho < inner + margin:
-                        continue
-                    kind = 0
-            elif rho < 1.0 + 0.6 * (inner - 1.0):
+                before, after = bits[(k - 1) % n], bits[k % n]
+                share = before + 0.0
+                if before != after:
+                    side = rho * rho * det / math.hypot(a11 * u + a12 * v, a12 * u + a22 * v)
+                    share += (after - before) * _phi((turn - k) * pitch * side / s)
+                share *= _phi(z_in) * _phi(z_out)
+            if 0.12 < share < 0.88 or (share > 0.5 and z_out < 1.5):
                 continue
             value = image[row, col] + 0.0
             if value >= saturation:
                 continue
-            t[1], t[2] = dx / r0, dy / r0
-            for j in range(3):
-                right[kind, j] += t[j] * value
-                for k2 in range(3):
-                    normal[kind, j, k2] += t[j] * t[k2]
-            squares[kind] += value * value
-            count[kind] += 1.0
-    return normal, right, squares, count
+            tx, ty = dx / r0, dy / r0
+            g[0], g[1], g[2] = share, share * tx, share * ty
+            g[3], g[4], g[5] = 1.0 - share, (1.0 - share) * tx, (1.0 - share) * ty
+            for j in range(6):
+                right[j] += g[j] * value
+                for k2 in range(6):
+                    normal[j, k2] += g[j] * g[k2]
+            taken[used, 0], taken[used, 1], taken[used, 2], taken[used, 3] = share, tx, ty, value
+            used += 1
+            count[0 if share > 0.5 else 1] += 1.0
+    return normal, right, count, taken[:used]
+
+
+@numba.njit(cache=True)
+def ring_scatter(taken, planes):  # type: ignore[no-untyped-def]
+    """Sums of squares about the planes (6,), and numbers, of wholly set [0] and clear [1] pixels."""
+    squares, count = np.zeros(2), np.zeros(2)
+    for i in range(len(taken)):
+        share, tx, ty, value = taken[i, 0], taken[i, 1], taken[i, 2], taken[i, 3]
+        if 0.003 < share < 0.997:
+            continue
+        f = planes[0] + planes[1] * tx + planes[2] * ty
+        b = planes[3] + planes[4] * tx + planes[5] * ty
+        kind = 0 if share > 0.5 else 1
+        squares[kind] += (value - b - (f - b) * share) ** 2
+        count[kind] += 1.0
+    return squares, count

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_core.targets.centring import PARAMETERS, fit_dot, ring_light
+from omm_core.targets.centring import PARAMETERS, fit_dot, ring_light, ring_scatter
 from omm_core.targets.families import TargetFamily
 from omm_core.targets.reading import (
     SAMPLES,
@@ -187,7 +187,7 @@ def centre_all(
 ) -> list[dict[str, Any]]:
     """Learn light and noise from the areas of all rings, then fit all dots."""
     lights = [_ring_light(image, family, reading, saturation) for reading in readings]
-    read, gain = _noise([plane for light in lights for plane in light if plane is not None])
+    read, gain = _noise([light for light in lights if light is not None])
     return [
         _judge(reading, _fit(image, family, reading, read, gain, saturation, light))
         for reading, light in zip(readings, lights, strict=True)
@@ -195,47 +195,47 @@ def centre_all(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Plane:
-    """Plane of grey values through areas of a ring: its slopes per dot radius.
+class _Light:
+    """Planes of light F (set) and B (clear) around a dot, slopes per dot radius.
 
     Attributes
     ----------
-    inverse : (2, 2) covariance of the slopes for a variance of 1.
+    levels, variances, pixels : (2,) of set and clear.
+    slopes : (4,) fx, fy, bx, by.
+    normal : (6, 6) normal matrix of (f0, fx, fy, b0, bx, by) for a variance of 1.
     """
 
-    level: float
+    levels: Floats
+    variances: Floats
+    pixels: Floats
     slopes: Floats
-    inverse: Floats
-    variance: float
-    pixels: float
+    normal: Floats
+
+
+_SLOPES = np.array([1, 2, 4, 5])
 
 
 def _ring_light(
     image: NDArray[Any], family: TargetFamily, reading: Reading, saturation: float
-) -> tuple[_Plane | None, _Plane | None]:
-    """Planes through the ring's set areas and through its clear ones."""
+) -> _Light | None:
+    """Light around the dot, or None where too little of the ring can be used."""
     s = max(float(reading.outline[8]), 0.35)
-    normal, right, squares, count = ring_light(
-        image, reading.outline, 0.0, 0.0, family.ring_inner_ratio, family.ring_outer_ratio,
+    normal, right, count, taken = ring_light(
+        image, reading.outline, family.ring_inner_ratio, family.ring_outer_ratio,
         reading.bits, reading.phase_rad, s, saturation,
     )  # fmt: skip
-    planes: list[_Plane | None] = []
-    for kind in (0, 1):
-        plane = None
-        if count[kind] >= 12 and np.linalg.cond(normal[kind]) < 1e6:
-            inverse = np.linalg.inv(normal[kind])
-            solution = inverse @ right[kind]
-            # float64 holds sums of squares of 16-bit values exactly enough: 2^32 * 2^16 < 2^53.
-            rest = max(float(squares[kind] - solution @ right[kind]), 0.0)
-            plane = _Plane(
-                level=float(solution[0]),
-                slopes=solution[1:],
-                inverse=inverse[1:, 1:],
-                variance=max(rest / (count[kind] - 3.0), 1.0 / 12.0),
-                pixels=float(count[kind]) - 3.0,
-            )
-        planes.append(plane)
-    return planes[0], planes[1]
+    if count.min() < 6 or np.linalg.cond(normal) > 1e7:
+        return None
+    planes = np.linalg.solve(normal, right)
+    squares, count = ring_scatter(taken, planes)
+    pixels = np.maximum(count - 3.0, 0.0)
+    return _Light(
+        levels=planes[[0, 3]],
+        variances=np.maximum(squares / np.maximum(pixels, 1.0), 1.0 / 12.0),
+        pixels=pixels,
+        slopes=planes[_SLOPES],
+        normal=normal,
+    )
 
 
 def _fit(
@@ -245,7 +245,7 @@ def _fit(
     read: float,
     gain: float,
     saturation: float,
-    light: tuple[_Plane | None, _Plane | None],
+    light: _Light | None,
 ) -> tuple[Floats, Floats, Floats] | None:
     """Parameters, covariance and statistics of `centring.fit_dot`, or None."""
     shape = reading.outline
@@ -263,33 +263,32 @@ def _fit(
 
 
 def _light_prior(
-    reading: Reading, light: tuple[_Plane | None, _Plane | None], read: float, gain: float
+    reading: Reading, light: _Light | None, read: float, gain: float
 ) -> tuple[Floats, Floats]:
     """Information (4, 4) and mean (4,) of the slopes of F and B, from the areas of the ring."""
     shape, r = reading.outline, reading.radius_px
     contrast = abs(float(shape[5] - shape[6]))
+    if light is None:
+        return np.eye(4) / (0.1 * contrast) ** 2, np.zeros(4)
+    noise = np.maximum(light.variances, read + gain * np.maximum(light.levels, 0.0))
+    weights = np.repeat(1.0 / np.sqrt(noise), 3)
+    covariance = np.linalg.inv(light.normal * np.outer(weights, weights))
     # Light bends: over a ring of r px its slope is uncertain by 2e-6 r² per dot radius.
-    bend = 2e-6 * r * r + 5e-4
-    prior, mean = np.zeros((4, 4)), np.zeros(4)
-    for kind, plane in enumerate(light):
-        block = slice(2 * kind, 2 * kind + 2)
-        if plane is None:
-            prior[block, block] = np.eye(2) / (0.1 * contrast) ** 2
-            continue
-        variance = max(plane.variance, read + gain * max(plane.level, 0.0))
-        loose = (bend * max(abs(plane.level), contrast)) ** 2
-        prior[block, block] = np.linalg.inv(plane.inverse * variance + np.eye(2) * loose)
-        mean[block] = plane.slopes
-    return prior, mean
+    bend = (2e-6 * r * r + 5e-4) * np.maximum(np.abs(light.levels), contrast)
+    slopes = covariance[np.ix_(_SLOPES, _SLOPES)] + np.diag(np.repeat(bend**2, 2))
+    return np.linalg.inv(slopes), light.slopes
 
 
-def _noise(planes: list[_Plane]) -> tuple[float, float]:
+def _noise(lights: list[_Light]) -> tuple[float, float]:
     """Variance of a grey value I as read + gain I, from the scatter about all planes."""
-    if not planes:
+    if not lights:
         return 4.0, 0.0
-    x = np.array([max(plane.level, 0.0) for plane in planes])
-    v = np.array([plane.variance for plane in planes])
-    w = np.array([plane.pixels for plane in planes])
+    x = np.maximum(np.concatenate([light.levels for light in lights]), 0.0)
+    v = np.concatenate([light.variances for light in lights])
+    w = np.concatenate([light.pixels for light in lights])
+    x, v, w = x[w > 4.0], v[w > 4.0], w[w > 4.0]
+    if len(x) == 0:
+        return 4.0, 0.0
     w = w / np.maximum(v, 1e-3)
     gain = 0.0
     mean_x, mean_v = np.average(x, weights=w), np.average(v, weights=w)
@@ -315,8 +314,8 @@ def _judge(reading: Reading, fit: tuple[Floats, Floats, Floats] | None) -> dict[
     if misfit > MAX_MISFIT and residual > MAX_RESIDUAL * abs(p[6] - p[9]):
         return _refused(shape, "something lies on the dot or shines on it: "
                         "its centre cannot be trusted")  # fmt: skip
-    if misfit > 1.0 + 3.0 * math.sqrt(2.0 / free):
-        covariance = covariance * misfit
+    # What the dot itself shows of the noise counts: it grew by misfit, or was thought too large.
+    covariance = covariance * max(misfit, 0.2)
     return _result(reading, p[:5], covariance, p[5], abs(p[6] - p[9]))
 
 

@@ -90,8 +90,9 @@ def _test_run(half, left, right, y, sign, contrast, gap_ratio, read_ratio, seen,
         return count
     level = (inside + outside) >> 1
     # The gap beside the dot, in this row and then in the column.
-    away = int(0.5 * gap_ratio * (right - left) + 0.5)
-    for at in (x - away, x + away):
+    near_gap = 0.5 * (1.0 + 0.85 * (gap_ratio - 1.0))
+    away = near_gap * (right - left)
+    for at in (int(0.5 * (left + right) - away + 0.5), int(0.5 * (left + right) + away + 0.5)):
         if 0 <= at < width and sign * (np.int64(half[y, at]) - level) > 0:
             return count
     limit = 3 * (right - left) + 3
@@ -106,9 +107,9 @@ def _test_run(half, left, right, y, sign, contrast, gap_ratio, read_ratio, seen,
         down += 1
     if down > most or y + down >= height or up > down + 2 + (down >> 2):
         return count
-    middle = y + ((down - up) >> 1)
-    away = int(0.5 * gap_ratio * (up + down) + 0.5)
-    for at in (middle - away, middle + away):
+    middle = y + 0.5 * (down - up)
+    away = near_gap * (up + down - 1)
+    for at in (int(middle - away + 0.5), int(middle + away + 0.5)):
         if 0 <= at < height and sign * (np.int64(half[at, x]) - level) > 0:
             return count
     ok, col, row, xx, xy, yy = _ellipse(half, 0.5 * (left + right), y + 0.5 * (down - up), level,
