@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     errors = {name: np.array(thetas) - np.array(truth) for name, thetas in solved.items()}
     _print_table(errors, np.array(truth), args)
     if args.json:
-        from omm_core.files import write_whole
+        from omm_recorder.output import write_whole
 
         content = {"truth": truth, **{k: np.array(v).tolist() for k, v in solved.items()}}
         write_whole(args.json, json.dumps(content, indent=1) + "\n")
