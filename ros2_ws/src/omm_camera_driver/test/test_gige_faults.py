@@ -47,6 +47,7 @@ def assert_right(recorder: Recorder) -> None:
         assert abs(error_ns) <= frame.stamp_uncertainty_ns + 1000
 
 
+@pytest.mark.timeout(900)
 def test_fifty_losses_leave_nothing_behind(
     camera_process: CameraProcess, recorder: Recorder
 ) -> None:
