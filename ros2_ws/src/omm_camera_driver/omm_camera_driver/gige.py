@@ -180,7 +180,7 @@ class GigeDriver:
         return {
             "frames_received": completed.value,
             "frames_failed": failed.value,
-            "frames_without_buffer": underruns.value,
+            "packets_without_buffer": underruns.value,
             "packets_resent": resent.value,
             "packets_missing": missing.value,
             "clock": "latched" if self._latches else "from arrivals",

@@ -170,16 +170,16 @@ class GigeSimulator:
 
 def _encoded(image: NDArray[np.generic], pixel_format: int) -> bytes | memoryview:
     if pixel_format == MONO8:
-        return memoryview(np.ascontiguousarray(image, dtype=np.uint8).reshape(-1))
+        return np.ascontiguousarray(image, dtype=np.uint8).reshape(-1).data
     wide = np.ascontiguousarray(image, dtype="<u2")
     if pixel_format == MONO16:
-        return memoryview(wide.reshape(-1).view(np.uint8))
+        return wide.reshape(-1).view(np.uint8).data
     if pixel_format == MONO12_PACKED:
         pairs = (wide >> 4).reshape(-1, 2)
         packed = np.empty((len(pairs), 3), np.uint8)
         packed[:, 0], packed[:, 2] = pairs[:, 0] >> 4, pairs[:, 1] >> 4
         packed[:, 1] = pairs[:, 0] & 15 | (pairs[:, 1] & 15) << 4
-        return memoryview(packed.reshape(-1))
+        return packed.reshape(-1).data
     raise DeviceError(f"Expected Mono8, Mono16 or Mono12Packed, got {pixel_format:#x}.")
 
 

@@ -62,7 +62,7 @@ def _unpack_gige(data: NDArray[np.uint8], twelve: bool) -> NDArray[np.uint16]:
     out = np.empty((len(triples), 2), np.uint16)
     out[:, 0] = triples[:, 0] << low | triples[:, 1] & mask
     out[:, 1] = triples[:, 2] << low | triples[:, 1] >> 4 & mask
-    return (out << (8 - low)).reshape(-1)
+    return (out << (8 - low)).reshape(-1).astype(np.uint16, copy=False)
 
 
 def _unpack_12p(data: NDArray[np.uint8]) -> NDArray[np.uint16]:
@@ -70,7 +70,7 @@ def _unpack_12p(data: NDArray[np.uint8]) -> NDArray[np.uint16]:
     out = np.empty((len(triples), 2), np.uint16)
     out[:, 0] = triples[:, 0] | (triples[:, 1] & 0x0F) << 8
     out[:, 1] = triples[:, 1] >> 4 | triples[:, 2] << 4
-    return (out << 4).reshape(-1)
+    return (out << 4).reshape(-1).astype(np.uint16, copy=False)
 
 
 def _unpack_10p(data: NDArray[np.uint8]) -> NDArray[np.uint16]:
@@ -78,7 +78,7 @@ def _unpack_10p(data: NDArray[np.uint8]) -> NDArray[np.uint16]:
     out = np.empty((len(fives), 4), np.uint16)
     for i in range(4):
         out[:, i] = (fives[:, i] >> 2 * i | fives[:, i + 1] << 8 - 2 * i) & 0x3FF
-    return (out << 6).reshape(-1)
+    return (out << 6).reshape(-1).astype(np.uint16, copy=False)
 
 
 def mono_from_yuyv(

@@ -1,14 +1,11 @@
 """Video4Linux cameras: USB cameras, and every other with a /dev/video node."""
 
-import errno
 import mmap
 import os
 import select
 import time
 from collections.abc import Mapping
 from ctypes import c_int
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,29 +15,13 @@ from omm_camera_driver import videodev
 from omm_camera_driver.driver import Camera, CameraSettings, DeviceLost, Frame, Trigger
 from omm_camera_driver.pixels import mono_from_yuyv
 from omm_camera_driver.v4l2_controls import Controls
+from omm_camera_driver.v4l2_devices import find, open_device
 from omm_core.errors import DeviceError, InputError
 
 _BUFFERS = 6
 # Monochrome without loss first.
 _PREFERRED = ("GREY", "Y16", "YUYV", "MJPG")
 _STAMP_JITTER_NS = 1_000_000  # between the event and the driver's reading of the clock
-
-
-@dataclass(frozen=True, kw_only=True)
-class FoundDevice:
-    """A video device.
-
-    Attributes
-    ----------
-    problem : str
-        Why it cannot be used; empty if it can.
-    """
-
-    path: str
-    driver: str
-    card: str
-    bus: str
-    problem: str = ""
 
 
 class V4l2Driver:
@@ -69,7 +50,7 @@ class V4l2Driver:
                 "Expected the trigger to be continuous or software: V4L2 has no lines."
             )
         found = find(self._device)
-        self._fd = _open(found.path)
+        self._fd = open_device(found.path)
         self._pix = self._agree_on_format(settings)
         self._interval_ns = self._agree_on_interval(settings.frame_rate_hz)
         self._controls = Controls(self._fd)
@@ -270,7 +251,7 @@ def _mono_from_jpeg(data: NDArray[np.uint8], width: int, height: int) -> NDArray
     if data[:2].tobytes() != b"\xff\xd8" or not end.endswith(b"\xff\xd9"):
         return None
     image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)
-    return None if image is None or image.shape != (height, width) else image  # type: ignore[return-value]
+    return None if image is None or image.shape != (height, width) else image
 
 
 def exposure_middle(
@@ -288,71 +269,6 @@ def exposure_middle(
         return stamp_ns - readout_ns - exposure_ns // 2, _STAMP_JITTER_NS + unknown_ns
     half_ns = interval_ns // 2
     return stamp_ns - half_ns - exposure_ns // 2, _STAMP_JITTER_NS + half_ns + unknown_ns
-
-
-def devices() -> list[FoundDevice]:
-    """Every /dev/video node, and why it cannot be used where it cannot."""
-    return [_look_at(str(path)) for path in sorted(Path("/dev").glob("video*"))]
-
-
-def find(device: str) -> FoundDevice:
-    """The device that is meant by a path, a card's name, a bus, or nothing.
-
-    Raises
-    ------
-    DeviceError
-        There is none that can be used.
-    """
-    there = devices()
-    meant = [d for d in there if device in (d.path, d.card, d.bus)] if device else there
-    usable = [d for d in meant if not d.problem]
-    if usable:
-        return usable[0]
-    if device and os.path.exists(device):
-        looked = _look_at(device)
-        if not looked.problem:
-            return looked
-        meant = [looked]
-    told = "; ".join(f"{d.path}: {d.problem or d.card}" for d in meant or there)
-    called = f" {device}" if device else ""
-    raise DeviceError(
-        f"Expected a video device{called}, found {told or 'none'}. Is it plugged in, and its "
-        "kernel module loaded (./omm cameras)?"
-    )
-
-
-def _look_at(path: str) -> FoundDevice:
-    nothing = FoundDevice(path=path, driver="", card="", bus="")
-    try:
-        fd = _open(path)
-    except DeviceError as error:
-        return FoundDevice(**{**vars(nothing), "problem": str(error)})
-    try:
-        capability = videodev.call(fd, videodev.QUERYCAP, videodev.Capability())
-    except DeviceError as error:
-        return FoundDevice(**{**vars(nothing), "problem": str(error)})
-    finally:
-        os.close(fd)
-    has_own = capability.capabilities & videodev.CAP_DEVICE_CAPS
-    caps = capability.device_caps if has_own else capability.capabilities
-    captures = caps & videodev.CAP_VIDEO_CAPTURE and caps & videodev.CAP_STREAMING
-    return FoundDevice(
-        path=path,
-        driver=capability.driver.decode("utf-8", "replace"),
-        card=capability.card.decode("utf-8", "replace"),
-        bus=capability.bus_info.decode("utf-8", "replace"),
-        problem="" if captures else "it does not capture images",
-    )
-
-
-def _open(path: str) -> int:
-    try:
-        return os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
-    except OSError as error:
-        hint = ""
-        if error.errno == errno.EACCES:
-            hint = " (sudo usermod -aG video $USER, then log in again)"
-        raise DeviceError(f"cannot be opened: {error.strerror}{hint}") from error
 
 
 def _formats(fd: int) -> list[str]:

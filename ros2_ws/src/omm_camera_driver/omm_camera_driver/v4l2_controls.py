@@ -93,7 +93,7 @@ class Controls:
 
 
 def _enumerate(fd: int) -> list[FoundControl]:
-    found = []
+    found: list[FoundControl] = []
     usable = (
         videodev.CONTROL_INTEGER, videodev.CONTROL_BOOLEAN, videodev.CONTROL_MENU,
         videodev.CONTROL_BUTTON, videodev.CONTROL_INTEGER_MENU,

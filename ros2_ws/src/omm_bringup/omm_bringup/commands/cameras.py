@@ -85,7 +85,7 @@ def _held(address: str) -> str:
 
 
 def _v4l2() -> list[ListedCamera]:
-    from omm_camera_driver import v4l2
+    from omm_camera_driver import v4l2_devices
 
     return [
         ListedCamera(
@@ -97,5 +97,5 @@ def _v4l2() -> list[ListedCamera]:
             address=found.path,
             problem=found.problem,
         )
-        for found in v4l2.devices()
+        for found in v4l2_devices.devices()
     ]
