@@ -11,7 +11,13 @@ from reference_model import predict
 from omm_core.circle import CircleCentre, project_circles
 from omm_core.estimation import SolveOptions, build_problem
 from omm_core.estimation.adjustment import Adjustment, predictions, refine
-from omm_core.estimation.kernels import lens_pixel, normal_equations, rotate, solve_damped
+from omm_core.estimation.kernels import (
+    lens_pixel,
+    normal_equations,
+    rotate,
+    solve_damped,
+    workspace,
+)
 from omm_core.estimation.start import Start
 from omm_core.geometry import RigidTransform, spindle_T_taper
 
@@ -128,7 +134,7 @@ def test_normal_equations_are_those_of_the_derivatives():
     N, g = np.empty((7, 7)), np.empty(7)
     cost = normal_equations(
         *problem.model_arguments(), problem.measured, w, off.rotation, off.d0_mm,
-        off.gamma_s_rad, N, g,
+        off.gamma_s_rad, N, g, workspace(8),
     )  # fmt: skip
     assert cost == pytest.approx(np.einsum("ni,nij,nj->", r, W, r))
     assert np.allclose(N, np.einsum("nia,nij,njb->ab", J, W, J), rtol=1e-10)

@@ -273,16 +273,23 @@ def predict_all(lens, kind, R_calib, d_calib, R_cnc, d_cnc, image_of, target_of,
 
 
 @_compiled
+def workspace(count):
+    """Return the arrays that normal_equations works in, for ``count`` points of each target."""
+    return (
+        np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty(3), np.empty((count, 2)),
+        np.empty((count, 2, 3)), np.empty((count, 2)), np.empty((count, 2, 2)), np.empty((2, 7)),
+    )  # fmt: skip
+
+
+@_compiled
 def normal_equations(lens, kind, R_calib, d_calib, R_cnc, d_cnc, image_of, target_of, points,
-                     measured, information, R, d0, gamma_s, N, g):  # fmt: skip
+                     measured, information, R, d0, gamma_s, N, g, room):  # fmt: skip
     """Fill N = JᵀWJ (7, 7) and g = Jᵀ W r (7,); return rᵀWr, infinite where not all is seen.
 
-    ``information`` (N, 3) holds W of each observation as (col col, col row, row row).
+    ``information`` (N, 3) holds W of each observation as (col col, col row, row row); ``room`` is
+    :func:`workspace` for P points.
     """
-    count = points.shape[1]
-    A, b, dA, db = np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty(3)
-    outline, by_machine = np.empty((count, 2)), np.empty((count, 2, 3))
-    by_gamma, weights, J = np.empty((count, 2)), np.empty((count, 2, 2)), np.empty((2, 7))
+    A, b, dA, db, outline, by_machine, by_gamma, weights, J = room
     N[:, :] = 0.0
     g[:] = 0.0
     cost = 0.0
@@ -392,11 +399,13 @@ def gauss_newton(lens, kind, R_calib, d_calib, R_cnc, d_cnc, image_of, target_of
     used : int
         Iterations, negative where not converged.
     """
+    room = workspace(points.shape[1])
     g, step, L = np.empty(7), np.zeros(7), np.empty((7, 7))
     N_new, g_new = np.empty((7, 7)), np.empty(7)
     R_new, d_new = np.empty((3, 3)), np.empty(3)
     cost = normal_equations(lens, kind, R_calib, d_calib, R_cnc, d_cnc, image_of, target_of,
-                            points, measured, information, R, d0, gamma[0], N, g)  # fmt: skip
+                            points, measured, information, R, d0, gamma[0], N, g,
+                            room)  # fmt: skip
     if not cost < np.inf:
         return cost, -1
     damping = 0.0
@@ -418,6 +427,7 @@ def gauss_newton(lens, kind, R_calib, d_calib, R_cnc, d_cnc, image_of, target_of
         cost_new = normal_equations(
             lens, kind, R_calib, d_calib, R_cnc, d_cnc, image_of, target_of,
             points, measured, information, R_new, d_new, gamma_new, N_new, g_new,
+            room,
         )  # fmt: skip
         # The cost falls by the square of the step: for a short one by less than its last digits
         # hold, so that it may seem to rise.
