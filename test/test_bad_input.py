@@ -52,9 +52,10 @@ def test_a_recording_that_was_cut_short_is_told(bench_run: Path, omm: Omm, tmp_p
     for name in ("part.yaml", "camera.yaml"):
         shutil.copy(bench_run / name, tmp_path / name)
     (tmp_path / "run.mcap").write_bytes(whole[: len(whole) // 20])
-    done = omm("solve", tmp_path / "run.mcap", status=1)
+    done = omm("solve", tmp_path / "run.mcap", status=2)
     assert "Traceback" not in done.stderr
-    assert done.stderr
+    assert "cut short" in done.stderr
+    assert "./omm repair" in done.stderr
 
 
 def test_too_few_targets_are_told_in_words(bench_run: Path, omm: Omm, tmp_path: Path) -> None:
