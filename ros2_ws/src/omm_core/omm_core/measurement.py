@@ -103,7 +103,7 @@ class Measurement:
         self.add_detection(stamp_ns, detection.targets)
         return detection
 
-    def detect(self, image: NDArray[np.generic]) -> Detection:
+    def detect(self, image: NDArray[np.uint8] | NDArray[np.uint16]) -> Detection:
         """Find the targets in an image (H, W) without adding them; several threads may do so.
 
         Raises
