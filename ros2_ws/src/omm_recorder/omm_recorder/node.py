@@ -17,7 +17,7 @@ from omm_recorder.definitions import definition, type_hash
 from omm_recorder.parameter_snapshot import ParameterSnapshot, as_table
 from omm_recorder.parameters import Parameters
 from omm_recorder.provenance import provenance
-from omm_recorder.recorder import Limits, Recorder
+from omm_recorder.recorder import STOPPED, Limits, Recorder
 from omm_recorder.rosbag2_format import TopicQos
 from omm_recorder.topics import KNOWN, adapted
 from omm_recorder.writing import RUN_NAME, RecordingOptions, RecordingWriter, TopicToRecord
@@ -67,20 +67,37 @@ class RecorderNode(Node):
     def destroy_node(self) -> None:
         """End the recording, then the node."""
         try:
+            self._drain()
+        finally:
+            self._end()
+        super().destroy_node()
+
+    def _end(self) -> None:
+        # Not through the log: it is published, and the context may be shut down already.
+        try:
             path = self.recorder.stop()
-            state = self.recorder.state()
-            lost = state.lost + state.missing
-            # Not through the log: it is published, and the context may be shut down already.
-            print(
-                f"recorder: {path}, {state.received} messages, {state.bytes_written / 1e6:.1f} MB, "
-                + (f"{lost} LOST" if lost else "none lost"),
-                file=sys.stderr,
-            )
-            self.failed = not state.recording and bool(state.trouble)
         except OmmError as error:
             print(f"recorder: {error}", file=sys.stderr)
             self.failed = True
-        super().destroy_node()
+            return
+        state = self.recorder.state()
+        lost = state.lost + state.missing
+        print(
+            f"recorder: {path}, {state.received} messages, {state.bytes_written / 1e6:.1f} MB, "
+            + (f"{lost} LOST" if lost else "none lost"),
+            file=sys.stderr,
+        )
+        self.failed = state.ended_because != STOPPED
+
+    def _drain(self) -> None:
+        """Take what has arrived and waits; that works although the context is shut down."""
+        for name, (qos, subscription) in self._heard.items():
+            with subscription.handle:
+                for _ in range(qos.depth):
+                    taken = subscription.handle.take_message(subscription.msg_type, True)
+                    if taken is None:
+                        break
+                    self._take(name, *taken)
 
     def _started(self) -> Recorder:
         p = self.parameters

@@ -19,6 +19,7 @@ from omm_recorder.writing import RecordingWriter, TopicToRecord
 
 FLUSH_PERIOD_S = 0.25
 WATCH_PERIOD_S = 1.0
+STOPPED = "stopped"
 
 Work = Callable[[RecordingWriter], None]
 
@@ -40,6 +41,8 @@ class State:
     """How the recording is doing."""
 
     recording: bool
+    ended_because: str
+    """Empty while recording; ``stopped`` where it was told to."""
     trouble: str
     """What is wrong, for people; empty when all is well."""
     bytes_written: int
@@ -126,6 +129,7 @@ class Recorder:
         tallies = list(self._tallies.values())
         return State(
             recording=self._ended is None,
+            ended_because=self._ended or "",
             trouble=self._trouble,
             bytes_written=self._writer.bytes_written,
             queue_bytes=self._queue_bytes,
@@ -176,7 +180,7 @@ class Recorder:
             self._queue_bytes -= size
 
     def _run(self) -> None:
-        reason = "stopped"
+        reason = STOPPED
         try:
             reason = self._write_until_stopped()
         except OSError as error:
@@ -195,7 +199,7 @@ class Recorder:
                 work(self._writer)
                 self._done(size)
             elif self._stopping:
-                return "stopped"
+                return STOPPED
             now_s = time.monotonic()
             if now_s - flushed_s >= FLUSH_PERIOD_S:
                 self._writer.flush()

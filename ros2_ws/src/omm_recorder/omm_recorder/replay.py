@@ -27,6 +27,8 @@ from omm_ros.parameters import declare, parameter
 CLOCK_PERIOD_S = 0.025
 KEY_PERIOD_S = 0.02
 AHEAD = 32
+SETTLED_S = 1.0
+_NEEDED = ("/image_raw", "/spindle_pose")
 # What the live nodes publish themselves.
 _OF_THE_NODES = ("/omm/", "/tf", "/rosout", "/parameter_events", "/diagnostics", "/clock")
 _MIN_DEPTH = {"sensor_msgs/msg/Image": 10}
@@ -171,13 +173,22 @@ class ReplayNode(Node):
         return min(b.first_ns for b in blocks), max(b.last_ns for b in blocks)
 
     def _wait_for_listeners(self) -> None:
-        """Without this the first messages would go out before anybody is connected."""
-        needed = [
-            p for n, p in self._playing.items() if n.endswith(("/image_raw", "/spindle_pose"))
-        ]
+        """Without this the first messages would go out before everybody is connected.
+
+        Listeners are announced to us one by one: it is waited until there is one to the images and
+        one to the poses, all that are known are connected, and for a while no other comes.
+        """
+        needed = [p for n, p in self._playing.items() if n.endswith(_NEEDED)]
         until_s = time.monotonic() + self.parameters.wait_s
+        before: list[int] = []
+        since_s = time.monotonic()
         while not self._ended.is_set() and time.monotonic() < until_s:
-            if all(p.get_subscription_count() for p in needed):
+            connected = [p.get_subscription_count() for p in self._playing.values()]
+            known = [self.count_subscribers(name) for name in self._playing]
+            complete = connected == known and all(p.get_subscription_count() for p in needed)
+            if connected != before or not complete:
+                before, since_s = connected, time.monotonic()
+            elif time.monotonic() - since_s > SETTLED_S:
                 return
             time.sleep(0.02)
         if not self._ended.is_set() and self.parameters.wait_s > 0:

@@ -15,6 +15,7 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2")
 
 import rclpy
+import rclpy.duration
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -26,6 +27,7 @@ from omm_recorder.reading import Recording
 from omm_recorder.repairing import repair, repaired_name
 from omm_recorder.rosbag2_format import TopicQos
 from omm_recorder.run_files import UNFINISHED
+from omm_recorder.solving import solve_run
 from omm_recorder.topics import KNOWN
 from omm_recorder.verifying import verify
 from omm_ros import transport
@@ -60,9 +62,9 @@ def start(domain: None, python_environment: dict[str, str]) -> Iterator[Callable
     """Start a node of the recorder with parameters; what a test leaves running is ended."""
     running: list[subprocess.Popen[str]] = []
 
-    def run(module: str, **parameters: object) -> Any:
+    def run(module: str, package: str = "omm_recorder", **parameters: object) -> Any:
         words = [w for name, value in parameters.items() for w in ("-p", f"{name}:={value}")]
-        code = f"import sys; from omm_recorder.{module} import main; sys.exit(main())"
+        code = f"import sys; from {package}.{module} import main; sys.exit(main())"
         environment = {**python_environment, **{k: os.environ[k] for k in _OURS if k in os.environ}}
         process = subprocess.Popen(
             [sys.executable, "-c", code, "--ros-args", *words],
@@ -143,7 +145,8 @@ def test_records_every_byte_and_ends_cleanly(
         if k % 75 == 10:
             images.publish(sent_images[k // 75])
         time.sleep(0.002)
-    wait_for(has(tmp_path / "run", POSES, 300), "300 poses")
+    for made in (poses, images):
+        assert made.wait_for_all_acked(rclpy.duration.Duration(seconds=30))
     recorder.send_signal(ending)
     _, errors = recorder.communicate(timeout=60)
     assert recorder.returncode == 0, errors
@@ -308,6 +311,44 @@ def test_replay_of_a_part_of_the_time_and_the_topics(
     begin = samples[0].log_ns + 1_000_000_000
     assert poses.taken == [s.data for s in samples if s.topic == POSES and s.log_ns >= begin]
     assert images.taken == clock.taken == []
+
+
+def test_the_live_estimator_fed_by_a_replay_comes_to_the_recorded_result(
+    node: Any, start: Any, bench: Path, tmp_path: Path
+) -> None:
+    from omm_interfaces.msg import PartEstimate
+
+    files = {"part_file": bench / "part.yaml", "calibration_file": bench / "camera.yaml"}
+    recorder = start("node", folder=tmp_path / "run", compression="none")
+    start("node", package="omm_estimator", **files)
+    images = len(recorded(bench, IMAGES))
+    estimates: list[Any] = []
+    qos = profile_from_qos(TopicQos(depth=1, latched=True))
+    node.create_subscription(PartEstimate, "/omm/estimate", estimates.append, qos)
+    executor = rclpy.executors.SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    wait_for(lambda: node.count_subscribers(IMAGES) == 2, "recorder and estimator")
+    replay = start("replay", run=bench, rate=1.0, wait_s=60.0)
+    until = time.monotonic() + 120.0
+    while not (
+        estimates
+        and estimates[-1].images_received == images
+        and estimates[-1].images_pending == 0
+        and replay.poll() is not None
+    ):
+        assert time.monotonic() < until, "the estimator did not take all images"
+        executor.spin_once(timeout_sec=0.05)
+    executor.shutdown()
+    recorder.send_signal(signal.SIGINT)
+    recorder.communicate(timeout=60)
+    solved = solve_run(tmp_path / "run")
+    assert solved.recorded is not None
+    live = [float(value) for value in estimates[-1].theta]
+    assert list(solved.recorded.theta_si) == live
+    to_si = [1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3, 1.0]
+    assert [float(v) * f for v, f in zip(solved.result.solution.theta, to_si)] == live
+    again = solve_run(bench).result.to_json_dict()
+    assert solved.result.to_json_dict() == again
 
 
 def test_replay_in_a_loop_begins_again_until_it_is_ended(

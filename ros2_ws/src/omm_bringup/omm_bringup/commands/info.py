@@ -57,7 +57,7 @@ def _lines(summary: "RunSummary", with_parameters: bool) -> list[str]:
         lines += [f"             {p}" for p in summary.repaired.get("problems", "").splitlines()]
     lines += [f"contains     {name}  {digest}" for name, digest in summary.attached.items()]
     lines.append(f"seal         {_seal(summary.seal)}")
-    lines += ["", _row("topic", "messages", "per s", "lost", "missing", "longest pause")]
+    lines += ["", _row("topic", "messages", "per s", "lost", "missing", "before first", "longest pause")]
     lines += [_topic(topic, summary.duration_s) for topic in summary.topics]
     if with_parameters:
         for node, values in summary.parameters.items():
@@ -89,5 +89,6 @@ def _topic(topic: "TopicSummary", duration_s: float) -> str:
         rate,
         str(tally.get("lost_by_recorder", "")),
         "?" if missing is None else str(missing),
+        str(tally.get("published_before_first", "")),
         f"{pause:.3f} s" if pause else "",
     )
