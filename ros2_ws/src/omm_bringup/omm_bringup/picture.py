@@ -108,8 +108,9 @@ def _loupe(
 
 def _to_8_bit(pixels: NDArray[np.generic]) -> NDArray[np.uint8]:
     """For the eye: stretched to the brightest, and dark surroundings lifted."""
-    top = max(1.0, float(np.percentile(pixels[::4, ::4], 99.9)))
-    share = np.clip(pixels.astype(np.float32) / top, 0.0, 1.0)
+    values = pixels.astype(np.float32)
+    top = max(1.0, float(np.percentile(values[::4, ::4], 99.9)))
+    share = np.clip(values / top, 0.0, 1.0)
     return (255.0 * share**0.6).astype(np.uint8)
 
 

@@ -42,8 +42,9 @@ def covariance_si(result: MeasurementResult) -> Array:
 
 def machine_T_part(result: MeasurementResult) -> RigidTransform:
     """The part's pose."""
-    theta = result.solution.theta
-    return RigidTransform.from_euler_xyz_rad(*theta[:3], translation_mm=theta[3:6])
+    alpha, beta, gamma = result.solution.theta[:3]
+    xyz_mm = result.solution.theta[3:6]
+    return RigidTransform.from_euler_xyz_rad(alpha, beta, gamma, xyz_mm)
 
 
 def estimate_message(result: MeasurementResult) -> PartEstimate:

@@ -1,6 +1,7 @@
 """Between ROS messages (m, rad, stamps) and the core (mm, rad, nanoseconds)."""
 
 import sys
+from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -12,7 +13,8 @@ from omm_core.errors import InputError
 from omm_core.geometry import RigidTransform
 
 MM_PER_M = 1000.0
-_DTYPES = {"mono8": np.dtype(np.uint8), "8UC1": np.dtype(np.uint8)}
+Pixels = NDArray[np.uint8] | NDArray[np.uint16]
+_DTYPES: dict[str, np.dtype[Any]] = {"mono8": np.dtype("u1"), "8UC1": np.dtype("u1")}
 _DTYPES_16 = ("mono16", "16UC1")
 
 
@@ -62,7 +64,7 @@ def transform_message(a_t_b: RigidTransform) -> Transform:
     return transform
 
 
-def image_from_message(message: Image) -> NDArray[np.generic]:
+def image_from_message(message: Image) -> Pixels:
     """The pixels of a message, without a copy where its rows have no padding.
 
     Returns
