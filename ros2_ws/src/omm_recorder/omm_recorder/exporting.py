@@ -71,6 +71,9 @@ def export(
     with Recording(run) as recording:
         if marks is None:
             marks = recorded_marks(recording)
+        for attached in recording.attachments():
+            # Only the name: what is in a file must not choose where it is written.
+            write(Path(attached.name).name, attached.data)
         if POSES in recording.topics:
             write("poses.csv", _table(_POSE_COLUMNS, _pose_rows(recording)))
         if OBSERVATIONS in recording.topics:

@@ -43,11 +43,14 @@ def recorded_settings(recording: Recording) -> Settings:
     return settings
 
 
+# In the order of rcl_interfaces/msg/ParameterType.
+_SCALARS = ("bool", "integer", "double", "string")
+_ARRAYS = ("byte_array", "bool_array", "integer_array", "double_array", "string_array")
+
+
 def _value(value: Any) -> Any:
-    """A parameter's value; the order is that of ``rcl_interfaces/msg/ParameterType``."""
-    kinds = ("bool", "integer", "double", "string", "byte_array", "bool_array")
-    kinds += ("integer_array", "double_array", "string_array")
-    return getattr(value, f"{kinds[value.type - 1]}_value") if value.type else None
+    """A parameter's value from its message; None where it is not set."""
+    return getattr(value, f"{(*_SCALARS, *_ARRAYS)[value.type - 1]}_value") if value.type else None
 
 
 def options_from(settings: Settings) -> MeasurementOptions:

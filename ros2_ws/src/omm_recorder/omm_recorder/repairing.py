@@ -15,6 +15,7 @@ from mcap.records import Attachment, Channel, Metadata, Schema
 from omm_core.errors import InputError
 from omm_recorder import container
 from omm_recorder.container import MAGIC, MESSAGE, PREFIX, ChunkHeader, CutShort, Damaged, Record
+from omm_recorder.new_file import being_written
 from omm_recorder.rosbag2_format import parsed_qos
 from omm_recorder.run_files import UNFINISHED, open_recording
 from omm_recorder.seal import CHAIN, SEAL
@@ -22,7 +23,6 @@ from omm_recorder.writing import (
     RecordingOptions,
     RecordingWriter,
     TopicToRecord,
-    being_written,
 )
 
 REPAIRED = "omm_repaired"

@@ -88,6 +88,29 @@ def public_text(key: Any) -> str:
     return str(key.public_key().public_bytes_raw().hex())
 
 
+def public_key(words: str) -> str:
+    """A public key as 64 hexadecimal digits, from those or from a file (OpenSSH or PEM).
+
+    Raises
+    ------
+    InputError
+        If it is neither.
+    """
+    if len(words) == 64 and all(c in "0123456789abcdef" for c in words.lower()):
+        return words.lower()
+    try:
+        from cryptography.hazmat.primitives import serialization
+
+        data = Path(words).read_bytes()
+        ssh = data.startswith(b"ssh-")
+        load = serialization.load_ssh_public_key if ssh else serialization.load_pem_public_key
+        return str(load(data).public_bytes_raw().hex())  # type: ignore[union-attr]
+    except (ImportError, OSError, ValueError, AttributeError) as error:
+        raise InputError(
+            f"Expected a public key (Ed25519) in 64 digits (0-f) or a file, got {words}: {error}"
+        ) from error
+
+
 def signature_holds(seal: dict[str, str]) -> bool:
     """Whether the signature in a seal is that of the public key in it.
 

@@ -9,6 +9,7 @@ _IMAGE = TopicQos(depth=20)
 _STREAM = TopicQos(depth=1000)
 _STATE = TopicQos(depth=100)
 _LATCHED = TopicQos(depth=1, latched=True)
+_LOG = TopicQos(depth=1000, latched=True)  # what was said before the recorder came, too
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +38,7 @@ KNOWN = (
     KnownTopic(name="/tf", type_name="tf2_msgs/msg/TFMessage", qos=_STREAM),
     KnownTopic(name="/tf_static", type_name="tf2_msgs/msg/TFMessage", qos=_LATCHED),
     KnownTopic(name="/diagnostics", type_name="diagnostic_msgs/msg/DiagnosticArray", qos=_STATE),
-    KnownTopic(name="/rosout", type_name="rcl_interfaces/msg/Log", qos=_STREAM),
+    KnownTopic(name="/rosout", type_name="rcl_interfaces/msg/Log", qos=_LOG),
     KnownTopic(
         name="/parameter_events", type_name="rcl_interfaces/msg/ParameterEvent", qos=_STREAM
     ),

@@ -4,20 +4,19 @@ While it is written it is called ``run.mcap.unfinished``; ``run.mcap`` appears w
 """
 
 import errno
-import fcntl
 import hashlib
-import io
 import os
 import shutil
-import tempfile
 import threading
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
-from omm_core.errors import InputError, OmmError
+from omm_core.errors import OmmError
 from omm_recorder.mcap_writer import McapWriter
+from omm_recorder.new_file import created, give_final_name, reserved, sync_folder
+from omm_recorder.output import write_whole
 from omm_recorder.rosbag2_format import (
     TopicCount,
     TopicQos,
@@ -29,7 +28,6 @@ from omm_recorder.run_files import UNFINISHED
 from omm_recorder.seal import CHAIN, SEAL, chain_text, load_key, sealed
 
 SYNC_PERIOD_S = 0.5
-RESERVE_BYTES = 16 << 20
 RUN_NAME = "run.mcap"
 PROVENANCE = "omm_provenance"
 REPORT = "omm_report"
@@ -90,9 +88,9 @@ class RecordingWriter:
         self._reserve: IO[bytes] | None = None
         if options.key_file is not None:
             load_key(options.key_file)  # a key that cannot sign is told now, not at the end
-        self._file = _created(self.path, self.unfinished)
+        self._file = created(self.path, self.unfinished)
         try:
-            self._reserve = _reserved(path.parent)
+            self._reserve = reserved(path.parent)
             self._writer = self._begun()
         except BaseException:
             if self._reserve is not None:
@@ -211,9 +209,10 @@ class RecordingWriter:
             if self.folder_gone:
                 self._rescue()
             else:
-                _rename(self.unfinished, self.path)
+                give_final_name(self.unfinished, self.path)
             if self.path.name == RUN_NAME:  # rosbag2 wants one recording in a folder
-                _write_whole(self.path.with_name("metadata.yaml"), metadata)
+                write_whole(self.path.with_name("metadata.yaml"), metadata)
+                sync_folder(self.path.parent)
         except OSError as error:
             raise OmmError(
                 f"The recording could not be ended: {error.strerror}. What was written so far "
@@ -257,7 +256,7 @@ class RecordingWriter:
             shutil.copyfileobj(source, copy, 8 << 20)
             copy.flush()
             os.fdatasync(copy.fileno())
-        _rename(self.unfinished, self.path)
+        give_final_name(self.unfinished, self.path)
 
     def _begun(self) -> McapWriter:
         """Write what is known at the start."""
@@ -280,87 +279,3 @@ class RecordingWriter:
                 self._sync_error = error
                 return
             synced = offset
-
-
-def _created(final: Path, unfinished: Path) -> io.FileIO:
-    """Make the file and lock it, so that one recording has one recorder."""
-    if final.exists():
-        raise InputError(
-            f"{final} is a finished recording; recordings are never overwritten. "
-            "Choose another folder."
-        )
-    try:
-        final.parent.mkdir(parents=True, exist_ok=True)
-        file = io.FileIO(unfinished, "x+")
-    except FileExistsError as error:
-        raise InputError(_why_there(unfinished)) from error
-    except OSError as error:
-        raise InputError(f"Cannot record to {final.parent}: {error.strerror}.") from error
-    fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
-    return file
-
-
-def _why_there(unfinished: Path) -> str:
-    if being_written(unfinished):
-        return f"Another recorder writes {unfinished}. Choose another folder, or stop it first."
-    return (
-        f"{unfinished} is a recording that was interrupted. Choose another folder, or bring it "
-        f"into order first: ./omm repair {unfinished}"
-    )
-
-
-def being_written(path: Path) -> bool:
-    """Whether a recorder holds the lock of a file."""
-    with path.open("rb") as file:
-        try:
-            fcntl.flock(file.fileno(), fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return True
-    return False
-
-
-def _reserved(folder: Path) -> IO[bytes]:
-    """Take space for the index, so that a recording can be ended on a disk that is full.
-
-    The file has no name: it vanishes by itself when the recorder is killed.
-    """
-    reserve = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 - closed at the end
-    try:
-        os.posix_fallocate(reserve.fileno(), 0, RESERVE_BYTES)
-    except OSError as error:
-        reserve.close()
-        raise InputError(
-            f"Expected at least {RESERVE_BYTES >> 20} MB of free space in {folder}: "
-            f"{error.strerror}."
-        ) from error
-    return reserve
-
-
-def _rename(source: Path, final: Path) -> None:
-    """Give a file its final name, unless something else has it by now."""
-    try:
-        os.link(source, final)
-    except OSError as error:
-        # File systems without hard links (exFAT on a stick); the lock makes the check safe.
-        if error.errno == errno.EEXIST or final.exists():
-            raise
-        source.rename(final)
-    else:
-        source.unlink()
-    _sync_folder(final.parent)
-
-
-def _write_whole(path: Path, text: str) -> None:
-    """Write a file so that it is there as a whole or not at all."""
-    temporary = path.with_name(path.name + ".new")
-    temporary.write_text(text)
-    temporary.replace(path)
-    _sync_folder(path.parent)
-
-
-def _sync_folder(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

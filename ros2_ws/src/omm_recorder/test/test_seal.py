@@ -10,7 +10,7 @@ import pytest
 from mcap.reader import make_reader
 
 from omm_core.errors import InputError
-from omm_recorder.seal import load_key, public_text
+from omm_recorder.seal import load_key, public_key, public_text
 from omm_recorder.summary_section import ending
 from omm_recorder.verifying import _contents, verify
 
@@ -96,6 +96,22 @@ def test_the_shops_signature_is_recognised(record: Any, key_file: Path) -> None:
     assert verify(path).public_key == ours
     assert not verify(path, "00" * 32).intact
     assert not verify(record("unsigned"), ours).intact
+
+
+def test_a_public_key_is_read_from_digits_and_files(key_file: Path, tmp_path: Path) -> None:
+    from cryptography.hazmat.primitives import serialization
+
+    key = load_key(key_file)
+    digits = public_text(key)
+    for encoding, kind in (
+        (serialization.Encoding.OpenSSH, serialization.PublicFormat.OpenSSH),
+        (serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo),
+    ):
+        file = tmp_path / "key.pub"
+        file.write_bytes(key.public_key().public_bytes(encoding, kind))
+        assert public_key(str(file)) == public_key(digits) == digits
+    with pytest.raises(InputError, match="Expected a public key"):
+        public_key("nobody")
 
 
 def test_a_seal_of_the_content_with_another_signature_is_noticed(

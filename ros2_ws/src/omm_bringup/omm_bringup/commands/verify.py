@@ -11,18 +11,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--key",
         metavar="PUBLIC_KEY",
-        help="the shop's public key (64 hexadecimal digits): only its signature counts",
+        help="the shop's public key, in 64 hexadecimal digits or a file: only its signature counts",
     )
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the verdict; status 1 where the recording was changed."""
     from omm_recorder.run_files import find_run
+    from omm_recorder.seal import public_key
     from omm_recorder.verifying import verify
 
+    trusted = None if arguments.key is None else public_key(arguments.key)
     status = 0
     for path in find_run(arguments.run).recordings:
-        verdict = verify(path, arguments.key)
+        verdict = verify(path, trusted)
         for problem in verdict.problems:
             print(f"omm: {path}: {problem}", file=sys.stderr)
         if not verdict.intact:
