@@ -111,6 +111,9 @@ def fit_dot(image, start, sign, inner, bits, phase, read, gain, saturation, prio
     normal = np.zeros((n, n))
     right = np.zeros(n)
     g = np.zeros(n)
+    flat = np.zeros((2, 12))
+    small = 0.5 * (a11 + a22 - math.hypot(a11 - a22, 2.0 * a12))
+    below = saturation - 4.5 * math.sqrt(read + gain * saturation)
     converged = False
     widest = max(4.0 * s_start + 4.0, 0.6 * (inner - 1.0) * reach)
     pixels = _window(image, start, widest, inner)
@@ -120,16 +123,44 @@ def fit_dot(image, start, sign, inner, bits, phase, read, gain, saturation, prio
         statistics[:] = 0.0
         s = p[5]
         det = p[2] * p[4] - p[3] * p[3]
+        flat[:] = 0.0
+        inside = max(1.0 - 4.2 * s / small, 0.0) ** 2
+        outside = (1.0 + 4.2 * s / small) ** 2
+        before_ring = max(inner - 4.2 * s / small, 0.0) ** 2
         # The window stays where the start put it: every turn sees the same pixels.
         for index in range(len(pixels)):
             col, row = pixels[index, 0], pixels[index, 1]
+            value = image[row, col] + 0.0
+            tx, ty = (col - x0) / r0, (row - y0) / r0
             dx, dy = col - p[0], row - p[1]
             mx, my = p[2] * dx + p[3] * dy, p[3] * dx + p[4] * dy
-            rho = math.sqrt(dx * mx + dy * my) + 1e-12
+            square = dx * mx + dy * my
+            if (square < inside or outside < square < before_ring) and value < below:
+                # Wholly set or wholly clear: tells of light only.
+                kind = 0 if square < 1.0 else 1
+                at = 6 + 3 * kind
+                model = p[at] + p[at + 1] * tx + p[at + 2] * ty
+                w = 1.0 / (read + gain * max(model, 0.0))
+                residual = value - model
+                weighted = w * residual
+                wx, wy = w * tx, w * ty
+                flat[kind, 0] += w
+                flat[kind, 1] += wx
+                flat[kind, 2] += wy
+                flat[kind, 3] += wx * tx
+                flat[kind, 4] += wx * ty
+                flat[kind, 5] += wy * ty
+                flat[kind, 6] += weighted
+                flat[kind, 7] += weighted * tx
+                flat[kind, 8] += weighted * ty
+                flat[kind, 9] += 1.0
+                flat[kind, 10] += residual * residual
+                flat[kind, 11] += residual * weighted
+                continue
+            rho = math.sqrt(square) + 1e-12
             norm = math.sqrt(mx * mx + my * my) + 1e-12
             length = rho / norm
             d = (rho - 1.0) * length
-            tx, ty = (col - x0) / r0, (row - y0) / r0
             f = p[6] + p[7] * tx + p[8] * ty
             b = p[9] + p[10] * tx + p[11] * ty
             near = rho > 0.3
@@ -137,7 +168,6 @@ def fit_dot(image, start, sign, inner, bits, phase, read, gain, saturation, prio
                 on_edge = norm / rho
                 d += 0.5 * s * s * det / (on_edge * on_edge * on_edge)
             z = -d / s
-            value = image[row, col] + 0.0
             if z > 4.5 or not near:
                 share, slope = 1.0, 0.0
             elif z < -4.5:
@@ -164,24 +194,35 @@ def fit_dot(image, start, sign, inner, bits, phase, read, gain, saturation, prio
             statistics[5] += 1.0
             g[6], g[7], g[8] = share, share * tx, share * ty
             g[9], g[10], g[11] = 1.0 - share, (1.0 - share) * tx, (1.0 - share) * ty
-            first, behind = 6, n
-            if share == 1.0:
-                behind = 9
-            elif share == 0.0:
-                first = 9
-            if slope != 0.0:
-                first = 0
+            if slope == 0.0:
+                g[:6] = 0.0
+            else:
                 edge = (f - b) * slope / s
                 g[0], g[1] = edge * mx / norm, edge * my / norm
                 g[2] = -edge * 0.5 * dx * dx / norm
                 g[3] = -edge * dx * dy / norm
                 g[4] = -edge * 0.5 * dy * dy / norm
                 g[5] = edge * d / s
-            for j in range(first, behind):
+            # Both halves of the matrix: with a fixed length of loop that is the faster way.
+            for j in range(PARAMETERS):
                 wg = w * g[j]
                 right[j] += wg * residual
-                for k in range(first, j + 1):
+                for k in range(PARAMETERS):
                     normal[j, k] += wg * g[k]
+        for kind in range(2):
+            at = 6 + 3 * kind
+            normal[at, at] += flat[kind, 0]
+            normal[at + 1, at] += flat[kind, 1]
+            normal[at + 2, at] += flat[kind, 2]
+            normal[at + 1, at + 1] += flat[kind, 3]
+            normal[at + 2, at + 1] += flat[kind, 4]
+            normal[at + 2, at + 2] += flat[kind, 5]
+            for j in range(3):
+                right[at + j] += flat[kind, 6 + j]
+            statistics[2 * kind] += flat[kind, 9]
+            statistics[2 * kind + 1] += flat[kind, 10]
+            statistics[4] += flat[kind, 11]
+            statistics[5] += flat[kind, 9]
         for j in range(4):
             a = 7 + j if j < 2 else 8 + j
             for k in range(4):
@@ -227,8 +268,8 @@ def fit_dot(image, start, sign, inner, bits, phase, read, gain, saturation, prio
         covariance[0, 1] = covariance[1, 0] = inverse[0, 1] * scale[0] * scale[1]
         covariance[1, 1] = inverse[1, 1] * scale[1] * scale[1]
         if factor == 1.0:
-            # Far below the noise; what is left is again a tenth of the last step.
-            limit = 4e-4 * (covariance[0, 0] + covariance[1, 1]) + 1e-10
+            # Below a quarter of the standard deviation; a twentieth of that step is left.
+            limit = 0.03 * (covariance[0, 0] + covariance[1, 1]) + 1e-10
             if move * move < limit:
                 converged = True
                 break
@@ -244,7 +285,8 @@ def ring_light(image, start, inner, outer, bits, phase, s, saturation):  # type:
 
     Returns
     -------
-    normal (6, 6), right (6,): least squares for (f0, fx, fy, b0, bx, by), slopes per dot radius.
+    normal (8, 8), right (8,): least squares for (f0, fx, fy, b0, bx, by, f2, b2), slopes per dot
+    radius; f2 and b2 are how the light bends (all directions alike), lest it pass for a slope.
     count (2,) of set [0] and clear [1] pixels. taken (N, 4): the pixels, for `ring_scatter`.
     """
     height, width = image.shape
@@ -252,13 +294,13 @@ def ring_light(image, start, inner, outer, bits, phase, s, saturation):  # type:
     det = a11 * a22 - a12 * a12
     r0 = math.sqrt(det)
     reach = outer * max(math.hypot(a11, a12), math.hypot(a12, a22)) + 2.0 * s + 1.0
-    stride = max(1, int(r0 / 8.0))
+    stride = max(1, int(r0 / 6.0))
     n = len(bits)
     pitch = 2.0 * math.pi / n
-    normal = np.zeros((6, 6))
-    right = np.zeros(6)
+    normal = np.zeros((8, 8))
+    right = np.zeros(8)
     count = np.zeros(2)
-    g = np.empty(6)
+    g = np.empty(8)
     rows = range(max(int(start[1] - reach), 0), min(int(start[1] + reach) + 1, height), stride)
     columns = range(max(int(start[0] - reach), 0), min(int(start[0] + reach) + 1, width), stride)
     taken = np.empty((len(rows) * len(columns), 4))
@@ -291,26 +333,32 @@ def ring_light(image, start, inner, outer, bits, phase, s, saturation):  # type:
             tx, ty = dx / r0, dy / r0
             g[0], g[1], g[2] = share, share * tx, share * ty
             g[3], g[4], g[5] = 1.0 - share, (1.0 - share) * tx, (1.0 - share) * ty
-            for j in range(6):
+            bend = tx * tx + ty * ty - 4.0
+            g[6], g[7] = share * bend, (1.0 - share) * bend
+            for j in range(8):
                 right[j] += g[j] * value
-                for k2 in range(6):
+                for k2 in range(j + 1):
                     normal[j, k2] += g[j] * g[k2]
             taken[used, 0], taken[used, 1], taken[used, 2], taken[used, 3] = share, tx, ty, value
             used += 1
             count[0 if share > 0.5 else 1] += 1.0
+    for j in range(8):
+        for k2 in range(j):
+            normal[k2, j] = normal[j, k2]
     return normal, right, count, taken[:used]
 
 
 @numba.njit(cache=True)
 def ring_scatter(taken, planes):  # type: ignore[no-untyped-def]
-    """Sums of squares about the planes (6,), and numbers, of wholly set [0] and clear [1] pixels."""
+    """Sums of squares about the planes (8,), and numbers, of wholly set [0] and clear [1] pixels."""
     squares, count = np.zeros(2), np.zeros(2)
     for i in range(len(taken)):
         share, tx, ty, value = taken[i, 0], taken[i, 1], taken[i, 2], taken[i, 3]
         if 0.003 < share < 0.997:
             continue
-        f = planes[0] + planes[1] * tx + planes[2] * ty
-        b = planes[3] + planes[4] * tx + planes[5] * ty
+        bend = tx * tx + ty * ty - 4.0
+        f = planes[0] + planes[1] * tx + planes[2] * ty + planes[6] * bend
+        b = planes[3] + planes[4] * tx + planes[5] * ty + planes[7] * bend
         kind = 0 if share > 0.5 else 1
         squares[kind] += (value - b - (f - b) * share) ** 2
         count[kind] += 1.0

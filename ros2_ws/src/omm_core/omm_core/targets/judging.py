@@ -14,14 +14,7 @@ from numpy.typing import NDArray
 
 from omm_core.targets.centring import PARAMETERS, fit_dot, ring_light, ring_scatter
 from omm_core.targets.families import TargetFamily
-from omm_core.targets.reading import (
-    SAMPLES,
-    expected_profile,
-    outline,
-    read_bits,
-    ring_profile,
-    square_root,
-)
+from omm_core.targets.reading import outline, read_ring, square_root
 
 Floats = NDArray[np.float64]
 
@@ -31,6 +24,10 @@ MAX_SECTOR_ERROR = 0.28
 """How far a sector may be off what dot, blur and bits let expect."""
 MAX_PROFILE_RMS = 0.17
 """The same for the root mean square around the ring."""
+MAX_GAP = 0.45
+"""Largest deviation from the background between dot and ring."""
+MAX_BESIDE = 0.35
+"""Largest share of the set samples that is still set where the ring must have ended."""
 MIN_RADIUS_PX = 1.8
 """Smaller semi-axis from which on a ring can be read."""
 MAX_MISFIT = 4.0
@@ -91,55 +88,29 @@ def read_target(
         return None
     if shape[7] > 0.15 + 0.04 * smaller:
         return None
-    return _read_ring(image, family, shape, (a11, a12, a22), sign)
+    return _read_ring(image, family, shape, sign)
 
 
 def _read_ring(
-    image: NDArray[Any],
-    family: TargetFamily,
-    shape: Floats,
-    root: tuple[float, float, float],
-    sign: int,
+    image: NDArray[Any], family: TargetFamily, shape: Floats, sign: int
 ) -> Reading | dict[str, Any] | None:
-    inner, outer = family.ring_inner_ratio, family.ring_outer_ratio
-    count = family.bits * SAMPLES
-    middle = family.read_ratio
-    spread = 0.25 * (outer - inner)
-    radii = np.array([middle - spread, middle, middle + spread])
-    s = max(float(shape[8]), 0.4)
-
-    def profile(at: Floats) -> Floats:
-        raw = ring_profile(image, shape[0], shape[1], *root, 0.0, 0.0, at, count)
-        return (raw - shape[6]) / (shape[5] - shape[6])
-
-    ring = profile(radii)
-    if not np.isfinite(ring).all():
-        return _refused(shape, "the ring is cut by the border of the image")
-    values, phase = read_bits(ring, family.bits)
-    full = float(
-        expected_profile(*root, inner, outer, np.ones(family.bits, np.int64), 0.0, s, radii, 16).mean()
+    bits, facts = read_ring(
+        image, shape, family.ring_inner_ratio, family.ring_outer_ratio, family.bits
     )
-    values = values / full
-    if values.max() < 0.5:
-        return None
-    bits = (values > 0.5).astype(np.int64)
-    margin = float(np.abs(values - 0.5).min())
-    phase_rad = phase * 2.0 * math.pi / count
-    expected = expected_profile(*root, inner, outer, bits, phase_rad, s, radii, count)
-    error = ring - expected
-    rms = float(np.sqrt(np.mean(error**2)))
-    if rms > 2.0 * MAX_PROFILE_RMS:
-        return None
-    start = round(phase)
-    by_sector = np.roll(error, -start).reshape(family.bits, SAMPLES)
+    phase_rad, margin, sector_error, rms, gap, before, beyond, most = (float(f) for f in facts)
+    if math.isnan(phase_rad):
+        return _refused(shape, "the ring is cut by the border of the image")
+    if most < 0.5 or rms > 2.0 * MAX_PROFILE_RMS:
+        return None  # nothing ring-like: not worth a word
     if margin < MIN_MARGIN:
         return _refused(shape, "a sector of the ring is neither set nor clear")
-    if np.abs(by_sector.mean(axis=1)).max() > MAX_SECTOR_ERROR or rms > MAX_PROFILE_RMS:
+    if sector_error > MAX_SECTOR_ERROR or rms > MAX_PROFILE_RMS:
         return _refused(shape, "the ring does not look as its own bits let expect: "
                         "something lies on it, or light falls on it")  # fmt: skip
-    reason = _surroundings(profile, family, root, bits, phase_rad, s, count)
-    if reason:
-        return _refused(shape, reason)
+    if gap > MAX_GAP:
+        return _refused(shape, "something lies between dot and ring")
+    if max(before, beyond) > MAX_BESIDE:
+        return _refused(shape, f"the ring is not as wide as those of {family.name}")
     code = int("".join(map(str, bits)), 2)
     target_id = family.id_of(code)
     if target_id is None:
@@ -147,33 +118,6 @@ def _read_ring(
     return Reading(
         id=target_id, outline=shape, sign=sign, bits=bits, phase_rad=phase_rad, margin=margin
     )
-
-
-def _surroundings(
-    profile: Any,
-    family: TargetFamily,
-    root: tuple[float, float, float],
-    bits: NDArray[np.int64],
-    phase_rad: float,
-    s: float,
-    count: int,
-) -> str | None:
-    """Is it clear between dot and ring, and does the ring end where it must?"""
-    inner, outer = family.ring_inner_ratio, family.ring_outer_ratio
-    gap = np.array([1.0 + 0.5 * (inner - 1.0)])
-    if np.abs(profile(gap)).max() > 0.45:
-        return "something lies between dot and ring"
-    turns = (np.arange(count) + 0.5) / SAMPLES - phase_rad * family.bits / (2.0 * math.pi)
-    is_set = bits[np.floor(turns).astype(np.int64) % family.bits] == 1
-    for radius in (inner - 0.3, outer + 0.35):
-        at = np.array([radius])
-        seen = profile(at)
-        expected = expected_profile(*root, inner, outer, bits, phase_rad, s, at, count)
-        excess = (seen - expected)[is_set]
-        excess = excess[np.isfinite(excess)]
-        if excess.size and np.mean(excess > 0.4) > 0.35:
-            return f"the ring is not as wide as those of {family.name}"
-    return None
 
 
 def centre_of_outline(reading: Reading) -> dict[str, Any]:
@@ -202,7 +146,7 @@ class _Light:
     ----------
     levels, variances, pixels : (2,) of set and clear.
     slopes : (4,) fx, fy, bx, by.
-    normal : (6, 6) normal matrix of (f0, fx, fy, b0, bx, by) for a variance of 1.
+    normal : (8, 8) normal matrix of `centring.ring_light`, for a variance of 1.
     """
 
     levels: Floats
@@ -271,10 +215,10 @@ def _light_prior(
     if light is None:
         return np.eye(4) / (0.1 * contrast) ** 2, np.zeros(4)
     noise = np.maximum(light.variances, read + gain * np.maximum(light.levels, 0.0))
-    weights = np.repeat(1.0 / np.sqrt(noise), 3)
+    weights = (1.0 / np.sqrt(noise))[[0, 0, 0, 1, 1, 1, 0, 1]]
     covariance = np.linalg.inv(light.normal * np.outer(weights, weights))
-    # Light bends: over a ring of r px its slope is uncertain by 2e-6 r² per dot radius.
-    bend = (2e-6 * r * r + 5e-4) * np.maximum(np.abs(light.levels), contrast)
+    # Light bends not quite alike in all directions: what that may do to the slope, per dot radius.
+    bend = (1e-7 * r * r + 1e-4) * np.maximum(np.abs(light.levels), contrast)
     slopes = covariance[np.ix_(_SLOPES, _SLOPES)] + np.diag(np.repeat(bend**2, 2))
     return np.linalg.inv(slopes), light.slopes
 

@@ -47,11 +47,14 @@ def outline(image, col, row, xx, xy, yy, sign):  # type: ignore[no-untyped-def]
     """
     result = np.empty(9)
     points = np.empty((OUTLINE_RAYS, 2))
-    for _turn in range(2):
+    for turn in range(2):
+        # A first look with few rays turns most of what is no dot away.
+        rays = OUTLINE_RAYS // 4 if turn == 0 else OUTLINE_RAYS
+        begin, end = (0.5, 1.5) if turn == 0 else (0.65, 1.4)
         a11, a12, a22 = square_root(xx, xy, yy)
         inside = outside = width = 0.0
-        for i in range(OUTLINE_RAYS):
-            angle = 2 * math.pi * i / OUTLINE_RAYS
+        for i in range(rays):
+            angle = 2 * math.pi * i / rays
             c, s = math.cos(angle), math.sin(angle)
             ux, uy = a11 * c + a12 * s, a12 * c + a22 * s
             length = math.sqrt(ux * ux + uy * uy)
@@ -60,14 +63,14 @@ def outline(image, col, row, xx, xy, yy, sign):  # type: ignore[no-untyped-def]
             v_out = sample(image, col + 1.5 * ux, row + 1.5 * uy)
             if not sign * (v_in - v_out) > 0.0:
                 return result, False
-            inside += v_in / OUTLINE_RAYS
-            outside += v_out / OUTLINE_RAYS
+            inside += v_in / rays
+            outside += v_out / rays
             level = 0.5 * (v_in + v_out)
-            t, step = 0.5, 0.5 / max(length, 1.0)
+            t, step = begin, max(0.5 / max(length, 1.0), 1.0 / 32.0)
             before = sign * (sample(image, col + t * ux, row + t * uy) - level)
             found = False
             steepest = 0.0
-            while t < 1.5:
+            while t < end:
                 now = sign * (sample(image, col + (t + step) * ux, row + (t + step) * uy) - level)
                 steepest = max(steepest, before - now)
                 if not found and before > 0.0 and now <= 0.0:
@@ -80,8 +83,8 @@ def outline(image, col, row, xx, xy, yy, sign):  # type: ignore[no-untyped-def]
                 return result, False
             # A Gaussian edge of height h is h / (sqrt(2 pi) sigma) steep.
             slope = steepest / (step * length)
-            width += abs(v_in - v_out) / (2.5066 * max(slope, 1e-9)) / OUTLINE_RAYS
-        p = _conic(points)
+            width += abs(v_in - v_out) / (2.5066 * max(slope, 1e-9)) / rays
+        p = _conic(points[:rays])
         det = p[0] * p[2] - p[1] * p[1]
         if not det > 0.05:
             return result, False
@@ -92,11 +95,13 @@ def outline(image, col, row, xx, xy, yy, sign):  # type: ignore[no-untyped-def]
         if not (scale > 0.0 and du * du + dv * dv < 0.25):
             return result, False
         off = 0.0
-        for i in range(OUTLINE_RAYS):
+        for i in range(rays):
             u, v = points[i, 0] - du, points[i, 1] - dv
             rho = math.sqrt(max(p[0] * u * u + 2 * p[1] * u * v + p[2] * v * v, 1e-9) / scale)
             ux, uy = a11 * u + a12 * v, a12 * u + a22 * v
-            off += (1.0 - 1.0 / rho) ** 2 * (ux * ux + uy * uy) / OUTLINE_RAYS
+            off += (1.0 - 1.0 / rho) ** 2 * (ux * ux + uy * uy) / rays
+        if turn == 0 and off > 0.25 + 0.0064 * (a11 * a22 - a12 * a12):
+            return result, False
         d = a11 * a22 - a12 * a12
         i11, i12, i22 = a22 / d, -a12 / d, a11 / d
         q11, q12, q22 = p[0] / scale, p[1] / scale, p[2] / scale
@@ -220,3 +225,72 @@ def expected_profile(a11, a12, a22, inner, outer, bits, phase, s, radii, count):
                 value += _phi((turn - m) * scale) - _phi((turn - m - 1) * scale)
         profile[i] = value * radial
     return profile
+
+
+@numba.njit(cache=True)
+def read_ring(image, shape, inner, outer, bits_count):  # type: ignore[no-untyped-def]
+    """Read the ring around a dot and everything that speaks for or against it.
+
+    Parameters
+    ----------
+    shape : (9,) from `outline`.
+
+    Returns
+    -------
+    bits : (n,) 0/1, clockwise from the phase.
+    facts : (8,) phase (rad); margin of the most doubtful sector; largest error of a sector's mean
+        and RMS error of the profile against what the bits let expect; largest deviation in the gap;
+        shares of set samples that are still set before the ring and beyond it; largest value of a
+        sector. NaN phase where the image's border cuts the ring.
+    """
+    n = bits_count
+    bits = np.zeros(n, dtype=np.int64)
+    facts = np.zeros(8)
+    count = n * SAMPLES
+    a11, a12, a22 = square_root(shape[2], shape[3], shape[4])
+    col, row, base, height = shape[0], shape[1], shape[6], shape[5] - shape[6]
+    s = max(shape[8], 0.4)
+    middle, spread = 0.5 * (inner + outer), 0.25 * (outer - inner)
+    radii = np.array([middle - spread, middle, middle + spread])
+    ring = (ring_profile(image, col, row, a11, a12, a22, 0.0, 0.0, radii, count) - base) / height
+    for i in range(count):
+        if math.isnan(ring[i]):
+            facts[0] = math.nan
+            return bits, facts
+    values, phase = read_bits(ring, n)
+    bits[:] = 1
+    values /= expected_profile(a11, a12, a22, inner, outer, bits, 0.0, s, radii, 16).mean()
+    facts[7] = values.max()
+    facts[1] = np.abs(values - 0.5).min()
+    for b in range(n):
+        bits[b] = 1 if values[b] > 0.5 else 0
+    facts[0] = phase * 2.0 * math.pi / count
+    if facts[7] < 0.5 or facts[1] < 0.1:
+        facts[3] = 1.0 if facts[1] >= 0.1 else 0.0
+        return bits, facts
+    error = ring - expected_profile(a11, a12, a22, inner, outer, bits, facts[0], s, radii, count)
+    facts[3] = math.sqrt(np.mean(error * error))
+    start = int(phase + 0.5)
+    for b in range(n):
+        total = 0.0
+        for k in range(SAMPLES):
+            total += error[(start + b * SAMPLES + k) % count] / SAMPLES
+        facts[2] = max(facts[2], abs(total))
+    if facts[3] > 0.4:
+        return bits, facts
+    at = np.empty(1)
+    at[0] = 1.0 + 0.5 * (inner - 1.0)
+    gap = (ring_profile(image, col, row, a11, a12, a22, 0.0, 0.0, at, 4 * n) - base) / height
+    facts[4] = np.abs(gap).max()
+    for side in range(2):
+        at[0] = inner - 0.3 if side == 0 else outer + 0.35
+        seen = (ring_profile(image, col, row, a11, a12, a22, 0.0, 0.0, at, count) - base) / height
+        expected = expected_profile(a11, a12, a22, inner, outer, bits, facts[0], s, at, count)
+        still = total = 0.0
+        for i in range(count):
+            sector = int(math.floor((i + 0.5 - phase) / SAMPLES)) % n
+            if bits[sector] == 1 and not math.isnan(seen[i]):
+                total += 1.0
+                still += seen[i] - expected[i] > 0.4
+        facts[5 + side] = still / total if total > 0.0 else 0.0
+    return bits, facts

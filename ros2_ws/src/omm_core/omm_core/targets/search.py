@@ -1,6 +1,6 @@
 """Search for dots with something ring-like around them, in the image at half size.
 
-Every row is scanned for pairs of opposite edges. A pair whose middle is also the middle of the
+Every second row is scanned for pairs of opposite edges. A pair whose middle is also the middle of the
 column through it may be the centre of a dot: rays to 16 sides must then meet the dot's edge where
 an ellipse has it, the gap around must be clear, and at the ring's radius something must be set.
 Each test is cheaper than the next and turns most of the remaining away, so clutter costs little.
@@ -35,7 +35,8 @@ def find_dots(half, step, contrast, max_run, gap_ratio, read_ratio, found):  # t
     seen = np.zeros(((height >> 1) + 2, (width >> 1) + 2), dtype=np.uint8)
     count = 0
     least_step, least_contrast = step, contrast
-    for y in range(2, height - 2):
+    # Every second row: of a dot's rows at least two next to each other pass as its middle.
+    for y in range(2, height - 2, 2):
         edges = 0
         strong, strong_x = 0, -1
         last, last_x = 0, -1
@@ -118,7 +119,7 @@ def _test_run(half, left, right, y, sign, contrast, gap_ratio, read_ratio, seen,
         return count
     if not _ring_like(half, col, row, xx, xy, yy, level, sign, gap_ratio, read_ratio):
         return count
-    r = min(1.0 / math.sqrt(xx + yy), 6.0)
+    r = 0.7 / math.sqrt(xx + yy)
     y0, y1 = max(int(row - r) >> 1, 0), min((int(row + r) >> 1) + 1, seen.shape[0])
     x0, x1 = max(int(col - r) >> 1, 0), min((int(col + r) >> 1) + 1, seen.shape[1])
     seen[y0:y1, x0:x1] = 1
