@@ -238,6 +238,7 @@ def report(
         lost += sent[number] - recorded
         print(f"  {name}: {sent[number]} published, {recorded} recorded, {by_name[name].tally}")
     shares = {**used_s, "publisher": sent["cpu_s"]}
+    print(f"  waited for the disk at most: {summary.queue_peak_bytes / 1e6:.0f} MB")
     print("  processor:", ", ".join(f"{n} {s / sent['seconds']:.0%}" for n, s in shares.items()))
     sys.stdout.flush()
     return lost

@@ -39,6 +39,8 @@ class RunSummary:
     topics: tuple[TopicSummary, ...]
     provenance: dict[str, str]
     ended_because: str
+    queue_peak_bytes: int
+    """What waited for the disk at most."""
     attached: dict[str, str]
     """SHA-256 of the files inside, by their names."""
     parameters: dict[str, dict[str, str]]
@@ -82,6 +84,7 @@ def inspect(run: Path) -> RunSummary:
             ),
             provenance=metadata.get(PROVENANCE, {}),
             ended_because=report.get("ended_because", ""),
+            queue_peak_bytes=int(report.get("queue_peak_bytes", 0)),
             attached=_attached(recording, metadata),
             parameters={
                 name.removeprefix(PARAMETERS): values

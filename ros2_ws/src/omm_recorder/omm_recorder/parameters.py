@@ -32,7 +32,10 @@ class Parameters:
         "", "Private key (Ed25519, PEM or OpenSSH) to sign the recording with; empty: unsigned."
     )
     queue_mb: int = parameter(
-        512, "What may wait in memory for the disk before messages are lost (MB).", minimum=16
+        2048,
+        "What may wait in memory for the disk before messages are lost (MB); "
+        "at most a quarter of the memory that is available.",
+        minimum=16,
     )
     warn_left_min: float = parameter(
         10.0, "Warn when the disk will be full in less than this (minutes).", minimum=0.0

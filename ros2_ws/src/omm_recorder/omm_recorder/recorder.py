@@ -28,8 +28,8 @@ Work = Callable[[RecordingWriter], None]
 class Limits:
     """When to warn and when to stop."""
 
-    queue_bytes: int = 512 << 20
-    """What may wait for the disk."""
+    queue_bytes: int = 2 << 30
+    """What may wait for the disk; at most a quarter of the memory that is available."""
     warn_left_s: float = 600.0
     """Warn when the disk is full in less than this."""
     stop_free_bytes: int = 64 << 20
@@ -79,6 +79,8 @@ class Recorder:
         self._condition = threading.Condition()
         self._queue: deque[tuple[int, Work]] = deque()
         self._queue_bytes = 0
+        self._queue_peak_bytes = 0
+        self._queue_limit_bytes = min(limits.queue_bytes, _available_memory() // 4)
         self._stopping = False
         self._ended: str | None = None
         self._trouble = ""
@@ -160,11 +162,12 @@ class Recorder:
 
     def _enqueue(self, size: int, work: Work) -> bool:
         with self._condition:
-            full = size and self._queue_bytes + size > self._limits.queue_bytes and self._queue
+            full = size and self._queue_bytes + size > self._queue_limit_bytes and self._queue
             if full or self._stopping or self._ended is not None:
                 return False
             self._queue.append((size, work))
             self._queue_bytes += size
+            self._queue_peak_bytes = max(self._queue_peak_bytes, self._queue_bytes)
             self._condition.notify()
         return True
 
@@ -261,6 +264,7 @@ class Recorder:
         report["started_ns"] = str(self._started_ns)
         report["ended_ns"] = str(time.time_ns())
         report["ended_because"] = reason
+        report["queue_peak_bytes"] = str(self._queue_peak_bytes)
         try:
             self._file = self._writer.close(report)
         except OmmError as error:
@@ -287,6 +291,14 @@ class Recorder:
         state = self.state()
         total = f"{state.lost} lost here and {state.missing} on the way so far"
         self._tell(f"Recording is incomplete: {text} ({total}).")
+
+
+def _available_memory() -> int:
+    """Bytes that programs can still get, as the kernel estimates it."""
+    for line in Path("/proc/meminfo").read_text().splitlines():
+        if line.startswith("MemAvailable:"):
+            return int(line.split()[1]) << 10
+    return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2
 
 
 def _write(

@@ -51,13 +51,17 @@ def _lines(summary: "RunSummary", with_parameters: bool) -> list[str]:
     if versions:
         lines.append("versions     " + ", ".join(f"{k} {v}" for k, v in versions.items()))
     if summary.ended_because:
-        lines.append(f"ended        {summary.ended_because}")
+        peak_mb = summary.queue_peak_bytes / 1e6
+        lines.append(f"ended        {summary.ended_because}; at most {peak_mb:.0f} MB waited")
     if summary.repaired:
         lines.append(f"REPAIRED     from {summary.repaired.get('source', '?')}")
         lines += [f"             {p}" for p in summary.repaired.get("problems", "").splitlines()]
     lines += [f"contains     {name}  {digest}" for name, digest in summary.attached.items()]
     lines.append(f"seal         {_seal(summary.seal)}")
-    lines += ["", _row("topic", "messages", "per s", "lost", "missing", "before first", "longest pause")]
+    lines += [
+        "",
+        _row("topic", "messages", "per s", "lost", "missing", "before first", "longest pause"),
+    ]
     lines += [_topic(topic, summary.duration_s) for topic in summary.topics]
     if with_parameters:
         for node, values in summary.parameters.items():
