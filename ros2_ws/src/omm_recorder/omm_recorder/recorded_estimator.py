@@ -22,6 +22,7 @@ Settings = dict[str, Any]
 class RecordedEstimate:
     """The live estimator's last word in the recording."""
 
+    part: str
     model: str
     theta_si: tuple[float, ...]
     """(alpha, beta, gamma, x, y, z, gamma_s), rad and m; NaN where not determined."""
@@ -91,6 +92,7 @@ def recorded_estimate(recording: Recording) -> RecordedEstimate | None:
     if last is None:
         return None
     return RecordedEstimate(
+        part=str(last.part),
         model=str(last.model),
         theta_si=tuple(float(value) for value in last.theta),
         forgotten=frozenset(forgotten),

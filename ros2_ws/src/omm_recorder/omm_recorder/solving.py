@@ -97,6 +97,8 @@ def solve_run(run: Path, options: SolveRunOptions | None = None) -> SolvedRun:
         measurement = Measurement(part, calibration, options_from(settings))
         recorded = recorded_estimate(recording)
         forgotten = recorded.forgotten if recorded is not None else frozenset()
+        if recorded is not None and recorded.part != part.name:
+            notices.append(f"live, the part was {recorded.part}; solved is {part.name}")
         if forgotten:
             notices.append(f"{len(forgotten)} images of earlier clampings are left out")
         _Feeder(measurement, options, notices).feed(recording, forgotten)
