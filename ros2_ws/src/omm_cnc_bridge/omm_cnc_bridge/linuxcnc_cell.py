@@ -135,7 +135,10 @@ class LinuxCncCell:
         found = []
         for entry in Path("/proc").iterdir():
             try:
-                if entry.name.isdigit() and (entry / "comm").read_text().strip() == name:
+                if not entry.name.isdigit():
+                    continue
+                start, _, end = (entry / "stat").read_text().rpartition(")")
+                if start.split("(", 1)[1] == name and end.split()[0] != "Z":
                     found.append(int(entry.name))
             except OSError:
                 continue  # it ended while we looked

@@ -95,9 +95,11 @@ def _pid_of(name: str) -> int | None:
     for entry in os.listdir("/proc"):
         if entry.isdigit():
             try:
-                with open(f"/proc/{entry}/comm") as file:
-                    if file.read().strip() == name:
-                        return int(entry)
+                with open(f"/proc/{entry}/stat") as file:
+                    start, _, end = file.read().rpartition(")")
+                # A zombie of an earlier session has the same name.
+                if start.split("(", 1)[1] == name and end.split()[0] != "Z":
+                    return int(entry)
             except OSError:
                 continue  # it ended while we looked
     return None

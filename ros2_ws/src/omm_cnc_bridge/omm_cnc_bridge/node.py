@@ -132,11 +132,11 @@ class CncBridgeNode(Node):
             self._set_connection(Connection.CONNECTED, "")
         with self._lock:
             action = self._handshake.sample(sample, judged.rest_since_ns, now_ns)
-        self._act(action)
         changed = self._judged is None or _noteworthy(self._judged) != _noteworthy(judged)
         self._judged = judged
         if changed or action is not None:
             self._publish_state()
+        self._act(action)
 
     def _publish_pose(self, judged: Judgement) -> None:
         pose, stamp = judged.machine_T_spindle, judged.sample.stamp_ns
@@ -258,9 +258,14 @@ class CncBridgeNode(Node):
     # --- diagnostics ---------------------------------------------------------------------------
 
     def _connection_health(self) -> Health:
-        good = self._connection is Connection.CONNECTED
         values = {"connection": self._connection.name, **self._clock_values()}
-        return Health(level=OK if good else ERROR, message=self._detail or "fine", values=values)
+        if self._connection is not Connection.CONNECTED:
+            return Health(level=ERROR, message=self._detail, values=values)
+        interval_s = getattr(self._control, "revised_interval_s", None) or 0.0
+        if interval_s > self._p.gap_s / 1.5:
+            message = f"the server gives a sample every {interval_s:.3f} s only; raise gap_s"
+            return Health(level=WARN, message=message, values=values)
+        return Health(level=OK, message="fine", values=values)
 
     def _clock_values(self) -> dict[str, object]:
         clock = getattr(self._control, "clock", None)

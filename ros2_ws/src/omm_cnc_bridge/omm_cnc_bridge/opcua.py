@@ -7,6 +7,8 @@ a queue for ``read``.
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import logging
 import queue
 import threading
 from collections.abc import Coroutine, Sequence
@@ -20,7 +22,7 @@ from omm_cnc_bridge.opcua_mapping import Mapping40502, load_mapping
 from omm_cnc_bridge.opcua_session import Session
 from omm_core.errors import DeviceError, InputError
 
-CONNECT_TIMEOUT_S = 10.0
+CONNECT_TIMEOUT_S = 20.0
 SILENCE_S = 5.0
 
 
@@ -52,6 +54,7 @@ class OpcUaControl:
     def __init__(
         self, url: str, *, rate_hz: float, mapping_file: str = "", security: Security | None = None
     ) -> None:
+        logging.getLogger("asyncua").setLevel(logging.ERROR)  # it warns of every revised interval
         self.clock = ControlClock()
         self._url, self._rate_hz = url, rate_hz
         self._mapping = load_mapping(Path(mapping_file)) if mapping_file else Mapping40502()
@@ -126,10 +129,8 @@ class OpcUaControl:
             return
         session, self._session = self._session, None
         if session is not None:
-            try:
+            with contextlib.suppress(Exception):  # what is gone cannot be closed
                 asyncio.run_coroutine_threadsafe(session.close(), loop).result(3.0)
-            except Exception:  # what is gone cannot be closed; the thread ends below all the same
-                pass
         loop.call_soon_threadsafe(loop.stop)
         if self._thread is not None:
             self._thread.join(3.0)

@@ -57,7 +57,7 @@ class Session:
         clock: ControlClock,
         put: Callable[[ControlSample | DeviceError], None],
     ) -> None:
-        self._client = Client(url, timeout=4.0, watchdog_intervall=0.5)
+        self._client = Client(url, timeout=4.0, watchdog_intervall=2.0)
         self._mapping, self._security = mapping, security
         self._interval_s = self.revised_interval_s = interval_s
         self._clock, self._put = clock, put
@@ -153,12 +153,16 @@ class Session:
         return self._client.get_node(text)
 
     async def _interface(self) -> Node:
-        """The server's CncInterface, at most three levels below Objects."""
+        """The server's CncInterface that has axes, at most three levels below Objects.
+
+        OPC 40502's own nodeset brings an interface without any ("test") along.
+        """
         level = [self._client.nodes.objects]
         for _ in range(3):
             below: list[Node] = []
             for node in level:
-                if await _child(node, "CncAxisList") is not None:
+                axes = await _child(node, "CncAxisList")
+                if axes is not None and await axes.get_children(nodeclassmask=ua.NodeClass.Object):
                     return node
                 if node.nodeid != ua.NodeId(ua.ObjectIds.Server):
                     below += await node.get_children()
@@ -302,9 +306,9 @@ class Session:
                 commanded=commanded,
                 in_position=self._in_position(),
                 fault=self._fault(),
-                mode=Mode[m.modes.get(v.get(("", "mode")), "UNKNOWN")],
+                mode=Mode[m.modes.get(v.get(("", "mode"), -1), "UNKNOWN")],
                 program_state=ProgramState[
-                    m.program_states.get(v.get(("", "program_status")), "UNKNOWN")
+                    m.program_states.get(v.get(("", "program_status"), -1), "UNKNOWN")
                 ],
                 program=str(v.get(("", "program")) or ""),
                 program_line=_line(v.get(("", "program_line"))),

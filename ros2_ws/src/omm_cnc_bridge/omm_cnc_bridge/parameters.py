@@ -78,7 +78,7 @@ class Parameters:
     linuxcnc_reader: tuple[str, ...] = parameter(
         (),
         "LinuxCNC on another machine: command that starts linuxcnc_reader.py there, for instance "
-        "[ssh, control, python3, -I, -u, linuxcnc_reader.py]. Empty reads the one on this one.",
+        "[ssh, control, python3, -I, -u, linuxcnc_reader.py]. Empty reads the one here.",
     )
     linuxcnc_joints: tuple[str, ...] = parameter(
         (), "LinuxCNC: axis that each joint is; empty takes the letters of its configuration."
@@ -89,7 +89,7 @@ class Parameters:
     linuxcnc_cell: str = parameter(
         "",
         "LinuxCNC: start this configuration with simulated drives, and let it run the scenario's "
-        "measuring program (for trying; see docs/cnc_controls.md). Empty connects to one that runs.",
+        "program (for trying, see docs/cnc_controls.md). Empty connects to one that runs.",
         choices=("", "three_axis_mill"),
     )
     program_file: str = parameter(

@@ -40,15 +40,19 @@ PROBE = """<?xml version="1.0" encoding="UTF-8"?>
   </Controller>
  </Components>
 </Device></Devices></MTConnectDevices>"""  # noqa: E501
+BOUNDARY = "a8e12eced4fb871ac096a99bf9728425"
 TAGS = {"xw": "Position", "xa": "Position", "xc": "Position", "ya": "Position", "ba": "Angle",
         "mode": "ControllerMode", "exec": "Execution", "prog": "Program", "line": "Line",
         "avail": "Availability"}  # fmt: skip
+
+GOOD = {"avail": "AVAILABLE", "xa": 71.45, "xc": 71.45, "ya": -2, "ba": 90, "xw": 999,
+        "mode": "AUTOMATIC", "exec": "ACTIVE", "prog": "measure.ngc", "line": 12}  # fmt: skip
 
 
 class Agent:
     """Serves what ``tell`` is given, from a buffer of ``size`` observations."""
 
-    def __init__(self, version: str = "1.7", size: int = 4096) -> None:
+    def __init__(self, version: str = "1.7", size: int = 4096, port: int = 0) -> None:
         self.version, self.size = version, size
         self.instance = 1
         self.clock_s = 0.0
@@ -57,7 +61,7 @@ class Agent:
         self._buffer: list[tuple[int, str, str, str]] = []
         self._current: dict[str, tuple[int, str, str, str]] = {}
         self._next = 1
-        self._server = ThreadingHTTPServer(("127.0.0.1", 0), self._handler())
+        self._server = ThreadingHTTPServer(("127.0.0.1", port), self._handler())
         self._server.daemon_threads = True
         self.url = f"http://127.0.0.1:{self._server.server_port}"
         self.tell(**dict.fromkeys(TAGS, "UNAVAILABLE"))
@@ -90,7 +94,8 @@ class Agent:
     def document(self, rows: list[tuple[int, str, str, str]], next_sequence: int) -> bytes:
         first = self._buffer[0][0] if self._buffer else self._next
         observed = "".join(
-            f'<{TAGS[item]} dataItemId="{item}" sequence="{n}" timestamp="{stamp}">{text}</{TAGS[item]}>'
+            f'<{TAGS[item]} dataItemId="{item}" sequence="{n}" timestamp="{stamp}">'
+            f"{text}</{TAGS[item]}>"
             for n, item, stamp, text in rows
         )
         return (
@@ -141,9 +146,7 @@ class Agent:
             def _stream(self, query: dict[str, list[str]]) -> None:
                 kind = "mixed" if agent.version >= "2" else "x-mixed-replace"
                 self.send_response(200)
-                self.send_header(
-                    "Content-Type", f"multipart/{kind};boundary=a8e12eced4fb871ac096a99bf9728425"
-                )
+                self.send_header("Content-Type", f"multipart/{kind};boundary={BOUNDARY}")
                 self.send_header("Transfer-Encoding", "chunked")
                 self.end_headers()
                 start = int(query["from"][0])
@@ -161,8 +164,8 @@ class Agent:
                             continue
                         start, quiet_since = after, time.monotonic()
                         self._chunk(
-                            b"--a8e12eced4fb871ac096a99bf9728425\r\nContent-type: text/xml\r\n"
-                            b"Content-length: %d\r\n\r\n%s\r\n" % (len(body), body)
+                            b"--%s\r\nContent-type: text/xml\r\nContent-length: %d\r\n\r\n%s\r\n"
+                            % (BOUNDARY.encode(), len(body), body)
                         )
                 except OSError:
                     self.close_connection = True  # the client has gone

@@ -6,15 +6,12 @@ import time
 
 import numpy as np
 import pytest
-from mtconnect_agent import Agent
+from mtconnect_agent import GOOD, Agent
 
 from omm_cnc_bridge.control import Mode, ProgramState
 from omm_cnc_bridge.mtconnect import MtConnectControl
 from omm_cnc_bridge.mtconnect_model import read_device, read_document, stamp_ns
 from omm_core.errors import DeviceError, InputError
-
-GOOD = {"avail": "AVAILABLE", "xa": 71.45, "xc": 71.45, "ya": -2, "ba": 90, "xw": 999,
-        "mode": "AUTOMATIC", "exec": "ACTIVE", "prog": "measure.ngc", "line": 12}  # fmt: skip
 
 
 class Mover:
@@ -173,9 +170,9 @@ def test_errors_of_the_agent_are_passed_on():
 
 
 def test_work_coordinates_alone_are_refused():
-    text = b"""<MTConnectDevices><Devices><Device name="m"><Components><Axes><Components>
-      <Linear name="X"><DataItems><DataItem id="x" type="POSITION" subType="ACTUAL" units="MILLIMETER"
-      coordinateSystem="WORK"/></DataItems></Linear></Components></Axes></Components></Device>
-      </Devices></MTConnectDevices>"""
+    item = b'<DataItem id="x" type="POSITION" units="MILLIMETER" coordinateSystem="WORK"/>'
+    axis = b'<Linear name="X"><DataItems>' + item + b"</DataItems></Linear>"
+    text = b'<MTConnectDevices><Devices><Device name="m">' + axis
+    text += b"</Device></Devices></MTConnectDevices>"
     with pytest.raises(InputError, match="machine coordinates"):
         read_device(text, "")

@@ -1,0 +1,183 @@
+"""The node as a process over ROS, with the simulated control and a camera of the test's."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not there")
+pytest.importorskip("omm_interfaces", reason="the workspace is not built (./omm setup)")
+
+from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
+from geometry_msgs.msg import PoseStamped  # noqa: E402
+from omm_interfaces.msg import SpindleState  # noqa: E402
+from omm_interfaces.srv import TriggerImage  # noqa: E402
+from std_srvs.srv import Trigger  # noqa: E402
+
+from omm_cnc_bridge.parameters import Parameters  # noqa: E402
+from omm_ros import qos  # noqa: E402
+from omm_ros.conversions import stamp_ns  # noqa: E402
+
+NODE = "import sys; from omm_cnc_bridge.node import main; sys.exit(main())"
+
+
+class Bench:
+    """A node of the test's that listens to the bridge and plays the camera."""
+
+    def __init__(self, domain: int) -> None:
+        self.context = rclpy.Context()
+        self.context.init(domain_id=domain)
+        self.node = rclpy.create_node("bench", context=self.context)
+        self._executor = rclpy.executors.SingleThreadedExecutor(context=self.context)
+        self._executor.add_node(self.node)
+        self.poses, self.truth, self.states = [], [], []
+        self.triggered = 0
+        self.diagnostics = {}
+        self.camera_works = True
+        n = self.node
+        n.create_subscription(PoseStamped, "/cnc/spindle_pose", self.poses.append, qos.POSE)
+        n.create_subscription(
+            PoseStamped, "/simulation/true_spindle_pose", self.truth.append, qos.POSE
+        )
+        n.create_subscription(SpindleState, "/cnc/state", self.states.append, qos.STATE)
+        n.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+        n.create_service(TriggerImage, "/camera/trigger", self._on_trigger)
+
+    def _on_diagnostics(self, message) -> None:
+        self.diagnostics |= {status.name: status for status in message.status}
+
+    def _on_trigger(self, request, response):
+        self.triggered += 1
+        response.success, response.message = self.camera_works, "out of light"
+        response.stamp = self.node.get_clock().now().to_msg()
+        return response
+
+    def spin(self, seconds: float, until=lambda: False) -> bool:
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            self._executor.spin_once(timeout_sec=0.05)
+            if until():
+                return True
+        return False
+
+    def call(self, name: str):
+        client = self.node.create_client(Trigger, name)
+        assert self.spin(10.0, client.service_is_ready)
+        future = client.call_async(Trigger.Request())
+        assert self.spin(20.0, future.done)
+        return future.result()
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+
+@pytest.fixture
+def domain(monkeypatch) -> int:
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    number = 110 + os.getpid() % 100
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
+    return number
+
+
+@pytest.fixture
+def bench(domain):
+    made = Bench(domain)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def start_node(domain):
+    processes = []
+
+    def start(**parameters) -> subprocess.Popen:
+        words = [w for k, v in parameters.items() for w in ("-p", f"{k}:={v}")]
+        command = [sys.executable, "-c", NODE, "--ros-args", *words]
+        processes.append(subprocess.Popen(command, stderr=subprocess.PIPE, text=True))
+        return processes[-1]
+
+    yield start
+    for process in processes:
+        process.kill()
+        process.communicate()
+
+
+def test_program_is_measured_and_poses_flow(bench, start_node):
+    process = start_node(control="simulated", seed=3, speed_factor=4.0)
+    done = bench.spin(60.0, lambda: bench.states and bench.states[-1].program_state == 5)
+    assert done, "the program did not finish"
+    assert bench.triggered == 8
+    rested = {s.measure_request for s in bench.states if s.measure_requested and s.in_position}
+    assert rested == set(range(1, 9))
+    assert bench.states[-1].measure_acknowledged == 8
+    stamps = [stamp_ns(p.header.stamp) for p in bench.poses]
+    assert stamps == sorted(set(stamps))
+    span_s = (stamps[-1] - stamps[0]) / 1e9
+    assert len(stamps) / span_s == pytest.approx(100.0, rel=0.05)
+    true_stamps = [stamp_ns(p.header.stamp) for p in bench.truth]
+    assert len(bench.truth) / ((true_stamps[-1] - true_stamps[0]) / 1e9) > 195.0
+    assert {p.header.frame_id for p in bench.poses} == {"machine"}
+    process.send_signal(signal.SIGINT)
+    assert process.wait(10.0) == 0
+
+
+def test_a_camera_that_fails_is_told_and_the_program_is_not_answered(bench, start_node):
+    bench.camera_works = False
+    start_node(seed=3, speed_factor=4.0, trigger_attempts=2, retry_s=0.1)
+    name = "cnc_bridge: images"
+
+    def told() -> bool:
+        status = bench.diagnostics.get(name)
+        return status is not None and "out of light (attempt 2 of 2)" in status.message
+
+    assert bench.spin(30.0, told)
+    assert bench.states[-1].measure_acknowledged == 0
+
+
+def test_a_real_control_is_only_read_and_says_so(bench, start_node, tmp_path):
+    machine = os.path.join(os.path.dirname(__file__), "..", "machines", "three_axis_mill.urdf")
+    process = start_node(
+        control="mtconnect", machine_file=machine, mtconnect_url="http://127.0.0.1:9"
+    )
+    assert bench.spin(15.0, lambda: bench.states)
+    assert bench.states[-1].connection in (0, 1)
+    assert not bench.states[-1].in_position
+    bench.spin(1.0)
+    assert bench.poses == []
+    process.send_signal(signal.SIGINT)
+    _, text = process.communicate(timeout=10)
+    assert "only reads this control" in text
+
+
+@pytest.mark.parametrize(
+    ("parameters", "complaint"),
+    [
+        ({"control": "opcua"}, "machine_file"),
+        ({"control": "fanuc"}, "one of simulated, linuxcnc, opcua, mtconnect"),
+        ({"control": "mtconnect", "machine_file": "/nowhere.urdf"}, "/nowhere.urdf"),
+        ({"tolerance_mm": -1.0}, "tolerance_mm"),
+    ],
+)
+def test_parameters_that_cannot_be_used_end_the_node_with_2(start_node, parameters, complaint):
+    process = start_node(**parameters)
+    _, text = process.communicate(timeout=30)
+    assert process.returncode == 2
+    assert complaint in text
+
+
+def test_documented_parameters_are_those_of_the_node():
+    """docs/cnc_controls.md lists every parameter, and none that is not there."""
+    import dataclasses
+    import re
+    from pathlib import Path
+
+    text = (Path(__file__).parents[4] / "docs" / "cnc_controls.md").read_text(encoding="utf-8")
+    table = text.split("## Parameters", 1)[1].split("\n## ", 1)[0]
+    listed = re.findall(r"^\| `(\w+)` \| `?([^|`]*)`? \|", table, re.MULTILINE)
+    expected = [(f.name, str(f.default)) for f in dataclasses.fields(Parameters)]
+    assert [(n, d.strip()) for n, d in listed] == [(n, d or "(empty)") for n, d in expected]
