@@ -14,6 +14,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+
 from omm_core.targets import DetectionOptions, TargetFamily, detect_targets
 from omm_simulation.target_image import affine_plane, disc_coverage, target_coverage
 

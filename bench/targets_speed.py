@@ -15,6 +15,7 @@ from collections.abc import Callable
 
 import cv2
 import numpy as np
+
 from omm_core.targets import TargetFamily, detect_targets
 from omm_simulation.target_image import affine_plane, disc_coverage, target_coverage
 

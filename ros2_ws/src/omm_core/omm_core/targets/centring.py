@@ -113,11 +113,14 @@ def fit_dot(image, start, sign, inner, bits, phase, read, gain, saturation, prio
     g = np.zeros(n)
     flat = np.zeros((2, 12))
     small = 0.5 * (a11 + a22 - math.hypot(a11 - a22, 2.0 * a12))
+    f_start, b_start = p[6], p[9]
+    loose = 1.0 / (f_start - b_start) ** 2
     below = saturation - 4.5 * math.sqrt(read + gain * saturation)
     converged = False
     widest = max(4.0 * s_start + 4.0, 0.6 * (inner - 1.0) * reach)
     pixels = _window(image, start, widest, inner)
-    for turn in range(9):
+    clipped = np.zeros(len(pixels), dtype=np.bool_)
+    for turn in range(15):
         normal[:] = 0.0
         right[:] = 0.0
         statistics[:] = 0.0
@@ -135,7 +138,7 @@ def fit_dot(image, start, sign, inner, bits, phase, read, gain, saturation, prio
             dx, dy = col - p[0], row - p[1]
             mx, my = p[2] * dx + p[3] * dy, p[3] * dx + p[4] * dy
             square = dx * mx + dy * my
-            if (square < inside or outside < square < before_ring) and value < below:
+            if (square < inside or outside < square < before_ring) and 0.0 < value < below:
                 # Wholly set or wholly clear: tells of light only.
                 kind = 0 if square < 1.0 else 1
                 at = 6 + 3 * kind
@@ -183,7 +186,12 @@ def fit_dot(image, start, sign, inner, bits, phase, read, gain, saturation, prio
             model = b + (f - b) * share
             variance = read + gain * max(model, 0.0)
             sigma = math.sqrt(variance)
-            if model > saturation - 2.0 * sigma and value > saturation - 4.5 * sigma:
+            # Which pixels are clipped is settled in the first turns, lest they come and go.
+            if turn < 3:
+                clipped[index] = (model <= 0.0 and value <= 0.0) or (
+                    model > saturation - 2.0 * sigma and value > saturation - 4.5 * sigma
+                )
+            if clipped[index]:
                 continue
             residual = value - model
             w = 1.0 / variance
@@ -230,6 +238,11 @@ def fit_dot(image, start, sign, inner, bits, phase, read, gain, saturation, prio
                 right[a] += prior[j, k] * (prior_mean[k] - p[c])
                 if c <= a:
                     normal[a, c] += prior[j, k]
+        # Where all of the dot is saturated only its edge tells of F: hold it loosely.
+        normal[6, 6] += loose
+        normal[9, 9] += loose
+        right[6] += loose * (f_start - p[6])
+        right[9] += loose * (b_start - p[9])
         scale = np.empty(n)
         for j in range(n):
             if not normal[j, j] > 0.0:
@@ -239,8 +252,6 @@ def fit_dot(image, start, sign, inner, bits, phase, read, gain, saturation, prio
             for k in range(j + 1):
                 normal[j, k] *= scale[j] * scale[k]
                 normal[k, j] = normal[j, k]
-            # Where F and s cannot be told apart (all of the dot saturated), either may stand.
-            normal[j, j] += 1e-6
         inverse = np.linalg.inv(normal)
         step = np.zeros(n)
         for j in range(n):
@@ -256,6 +267,8 @@ def fit_dot(image, start, sign, inner, bits, phase, read, gain, saturation, prio
         level = abs(p[6] - p[9])
         if abs(step[6]) > 0.5 * level:
             factor = min(factor, 0.5 * level / abs(step[6]))
+        if turn > 4:
+            factor *= 0.5
         for j in range(n):
             p[j] += factor * step[j]
         if p[5] < 0.29:
@@ -267,7 +280,7 @@ def fit_dot(image, start, sign, inner, bits, phase, read, gain, saturation, prio
         covariance[0, 0] = inverse[0, 0] * scale[0] * scale[0]
         covariance[0, 1] = covariance[1, 0] = inverse[0, 1] * scale[0] * scale[1]
         covariance[1, 1] = inverse[1, 1] * scale[1] * scale[1]
-        if factor == 1.0:
+        if factor == 1.0 or turn > 5:
             # Below a quarter of the standard deviation; a twentieth of that step is left.
             limit = 0.03 * (covariance[0, 0] + covariance[1, 1]) + 1e-10
             if move * move < limit:
@@ -287,7 +300,8 @@ def ring_light(image, start, inner, outer, bits, phase, s, saturation):  # type:
     -------
     normal (8, 8), right (8,): least squares for (f0, fx, fy, b0, bx, by, f2, b2), slopes per dot
     radius; f2 and b2 are how the light bends (all directions alike), lest it pass for a slope.
-    count (2,) of set [0] and clear [1] pixels. taken (N, 4): the pixels, for `ring_scatter`.
+    count (2,) of set [0] and clear [1] pixels, clipped (2,) of those left out because they are
+    saturated or 0. taken (N, 4): the pixels, for `ring_scatter`.
     """
     height, width = image.shape
     a11, a12, a22 = square_root(start[2], start[3], start[4])
@@ -299,7 +313,7 @@ def ring_light(image, start, inner, outer, bits, phase, s, saturation):  # type:
     pitch = 2.0 * math.pi / n
     normal = np.zeros((8, 8))
     right = np.zeros(8)
-    count = np.zeros(2)
+    count, clipped = np.zeros(2), np.zeros(2)
     g = np.empty(8)
     rows = range(max(int(start[1] - reach), 0), min(int(start[1] + reach) + 1, height), stride)
     columns = range(max(int(start[0] - reach), 0), min(int(start[0] + reach) + 1, width), stride)
@@ -328,7 +342,8 @@ def ring_light(image, start, inner, outer, bits, phase, s, saturation):  # type:
             if 0.12 < share < 0.88 or (share > 0.5 and z_out < 1.5):
                 continue
             value = image[row, col] + 0.0
-            if value >= saturation:
+            if value >= saturation or value <= 0.0:
+                clipped[0 if share > 0.5 else 1] += 1.0
                 continue
             tx, ty = dx / r0, dy / r0
             g[0], g[1], g[2] = share, share * tx, share * ty
@@ -345,7 +360,7 @@ def ring_light(image, start, inner, outer, bits, phase, s, saturation):  # type:
     for j in range(8):
         for k2 in range(j):
             normal[k2, j] = normal[j, k2]
-    return normal, right, count, taken[:used]
+    return normal, right, count, clipped, taken[:used]
 
 
 @numba.njit(cache=True)

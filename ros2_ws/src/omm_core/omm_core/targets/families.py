@@ -9,7 +9,7 @@ code's rank in ascending order, from 1.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 from typing import Literal
 
 import numpy as np
@@ -44,7 +44,7 @@ def mirror_code(code: int, bits: int) -> int:
     return smallest_rotation(reversed_bits, bits)
 
 
-@lru_cache(maxsize=None)
+@cache
 def _codes(maker: Maker, bits: int) -> NDArray[np.int64]:
     """All admitted codes in ascending order, from the maker's rule (shape (N,), read-only)."""
     # Every smallest rotation but 0 and all ones starts with a clear bit and ends with a set one.

@@ -146,6 +146,7 @@ class _Light:
     ----------
     levels, variances, pixels : (2,) of set and clear.
     slopes : (4,) fx, fy, bx, by.
+    clipped : (2,) whether pixels are saturated (or 0), so that set or clear tell nothing of light.
     normal : (8, 8) normal matrix of `centring.ring_light`, for a variance of 1.
     """
 
@@ -154,8 +155,11 @@ class _Light:
     pixels: Floats
     slopes: Floats
     normal: Floats
+    clipped: NDArray[np.bool_]
 
 
+MAX_UNSEEN_SLOPE = 3e-3
+"""Fall of light per dot radius (standard deviation, of the contrast) taken where it is clipped."""
 _SLOPES = np.array([1, 2, 4, 5])
 
 
@@ -164,10 +168,13 @@ def _ring_light(
 ) -> _Light | None:
     """Light around the dot, or None where too little of the ring can be used."""
     s = max(float(reading.outline[8]), 0.35)
-    normal, right, count, taken = ring_light(
+    normal, right, count, clipped, taken = ring_light(
         image, reading.outline, family.ring_inner_ratio, family.ring_outer_ratio,
         reading.bits, reading.phase_rad, s, saturation,
     )  # fmt: skip
+    lost = clipped > 0.02 * count
+    if lost.any():
+        return _half_clipped(taken, lost)
     if count.min() < 6 or np.linalg.cond(normal) > 1e7:
         return None
     planes = np.linalg.solve(normal, right)
@@ -179,7 +186,34 @@ def _ring_light(
         pixels=pixels,
         slopes=planes[_SLOPES],
         normal=normal,
+        clipped=lost,
     )
+
+
+def _half_clipped(taken: Floats, lost: NDArray[np.bool_]) -> _Light:
+    """Light where set or clear is clipped: of the other the plane, from pixels far from edges."""
+    levels, variances, pixels = np.zeros(2), np.full(2, 1.0 / 12.0), np.zeros(2)
+    slopes, normal = np.zeros(4), np.eye(8)
+    for kind in np.flatnonzero(~lost):
+        at = taken[taken[:, 0] > 0.997] if kind == 0 else taken[taken[:, 0] < 0.003]
+        if len(at) < 12:
+            lost = np.array([True, True])
+            continue
+        # Saturation makes the ring look wider than it is: what its edges reach is trimmed away.
+        for _ in range(3):
+            plane = np.column_stack([np.ones(len(at)), at[:, 1:3]])
+            solution, *_ = np.linalg.lstsq(plane, at[:, 3], rcond=None)
+            rest = at[:, 3] - plane @ solution
+            scatter = max(1.4826 * float(np.median(np.abs(rest))), 0.3)
+            at = at[np.abs(rest - np.median(rest)) < 4.0 * scatter]
+        levels[kind] = solution[0]
+        variances[kind] = scatter**2
+        pixels[kind] = len(at) - 3.0
+        slopes[2 * kind : 2 * kind + 2] = solution[1:]
+        block = slice(3 * kind, 3 * kind + 3)
+        normal[block, block] = plane.T @ plane
+    return _Light(levels=levels, variances=variances, pixels=pixels, slopes=slopes,
+                  normal=normal, clipped=lost)  # fmt: skip
 
 
 def _fit(
@@ -220,7 +254,13 @@ def _light_prior(
     # Light bends not quite alike in all directions: what that may do to the slope, per dot radius.
     bend = (1e-7 * r * r + 1e-4) * np.maximum(np.abs(light.levels), contrast)
     slopes = covariance[np.ix_(_SLOPES, _SLOPES)] + np.diag(np.repeat(bend**2, 2))
-    return np.linalg.inv(slopes), light.slopes
+    mean = light.slopes.copy()
+    for kind in np.flatnonzero(light.clipped):
+        block = slice(2 * kind, 2 * kind + 2)
+        slopes[block, :] = slopes[:, block] = 0.0
+        slopes[block, block] = np.eye(2) * (MAX_UNSEEN_SLOPE * contrast) ** 2
+        mean[block] = 0.0
+    return np.linalg.inv(slopes), mean
 
 
 def _noise(lights: list[_Light]) -> tuple[float, float]:
