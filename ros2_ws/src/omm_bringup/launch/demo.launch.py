@@ -64,7 +64,6 @@ def _nodes(context):  # type: ignore[no-untyped-def]
         executable="operator_node",
         name="operator",
         output="screen",
-        emulate_tty=True,
     )
     ended = OnProcessExit(target_action=operator, on_exit=[EmitEvent(event=Shutdown())])
     return [*nodes, operator, RegisterEventHandler(ended)]
