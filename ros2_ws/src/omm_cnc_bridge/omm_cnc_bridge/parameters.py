@@ -69,7 +69,9 @@ class Parameters:
     trigger_attempts: int = parameter(3, "Images that are tried for one request.", minimum=1)
     retry_s: float = parameter(0.5, "Pause before an image is tried again.", minimum=0.0)
     hold_after_image_s: float = parameter(
-        0.05, "So long after the exposure's middle the spindle must still stand.", minimum=0.0
+        0.12,
+        "So long after the exposure's middle the spindle must still stand (the estimator: 0.1 s).",
+        minimum=0.0,
     )
     start_program: bool = parameter(
         True, "Simulated control: start its program as soon as the camera's service is there."
