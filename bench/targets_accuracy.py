@@ -56,11 +56,21 @@ def draw(case: Case, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, 
     radius = 0.5 * case.diameter_px
     size = 2 * math.ceil((family.ring_outer_ratio + 0.8) * radius + 8)
     centre = 0.5 * size + rng.uniform(-0.5, 0.5, 2)
-    plane = affine_plane(centre_px=tuple(centre), radius_px=radius,
-                         tilt_rad=math.radians(case.tilt_deg), axis_rad=rng.uniform(0, math.pi))  # fmt: skip
-    common = {"family": family, "code": family.code_of(int(rng.integers(1, len(family) + 1))),
-              "dot_radius_mm": 1.0, "plane_of_pixel": plane, "window": (0, 0, size, size),
-              "blur_px": case.blur_px, "phase_rad": rng.uniform(0, 6.283)}  # fmt: skip
+    plane = affine_plane(
+        centre_px=tuple(centre),
+        radius_px=radius,
+        tilt_rad=math.radians(case.tilt_deg),
+        axis_rad=rng.uniform(0, math.pi),
+    )
+    common = {
+        "family": family,
+        "code": family.code_of(int(rng.integers(1, len(family) + 1))),
+        "dot_radius_mm": 1.0,
+        "plane_of_pixel": plane,
+        "window": (0, 0, size, size),
+        "blur_px": case.blur_px,
+        "phase_rad": rng.uniform(0, 6.283),
+    }
     dot = target_coverage(**common, ring=False)
     light = np.ones((size, size))
     if case.edge:
@@ -68,10 +78,12 @@ def draw(case: Case, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, 
         angle = rng.uniform(0, 2 * math.pi)
         far = 8.0 * radius + 2.0 * radius
         cover = dot + disc_coverage(
-            centre_mm=(far * math.cos(angle), far * math.sin(angle)), radius_mm=8.0 * radius,
+            centre_mm=(far * math.cos(angle), far * math.sin(angle)),
+            radius_mm=8.0 * radius,
             plane_of_pixel=lambda c, r: (c - centre[0], r - centre[1]),
-            window=(0, 0, size, size), blur_px=case.blur_px,
-        )  # fmt: skip
+            window=(0, 0, size, size),
+            blur_px=case.blur_px,
+        )
     else:
         cover = target_coverage(**common)
     if case.slope:
@@ -92,12 +104,19 @@ def bound_px2(case: Case, centre: np.ndarray, rng: np.random.Generator) -> float
 
     def render(p: np.ndarray) -> np.ndarray:
         plane = affine_plane(centre_px=(p[0], p[1]), radius_px=p[2], tilt_rad=p[3], axis_rad=p[4])
-        cover = disc_coverage(centre_mm=(0, 0), radius_mm=1.0, plane_of_pixel=plane,
-                              window=(0, 0, size, size), blur_px=p[5])  # fmt: skip
+        cover = disc_coverage(
+            centre_mm=(0, 0),
+            radius_mm=1.0,
+            plane_of_pixel=plane,
+            window=(0, 0, size, size),
+            blur_px=p[5],
+        )
         return p[6] + p[7] * cover
 
     tilt = math.radians(max(case.tilt_deg, 3.0))
-    p0 = np.array([*centre, radius, tilt, axis, case.blur_px, case.level_dn - 150.0, case.contrast_dn])
+    p0 = np.array(
+        [*centre, radius, tilt, axis, case.blur_px, case.level_dn - 150.0, case.contrast_dn]
+    )
     steps = np.array([1e-2, 1e-2, 1e-2, 1e-3, 1e-3, 1e-2, 1.0, 1.0])
     columns = []
     for i, step in enumerate(steps):
@@ -120,7 +139,7 @@ def run_case(case: Case, draws: int, seed: int = 1) -> dict[str, float]:
     family = TargetFamily.by_name(case.family)
     errors, normalised, bounds = [], [], []
     for index in range(draws):
-        clean, centre, dot = draw(case, rng)
+        clean, centre, _ = draw(case, rng)
         noise = rng.normal(size=clean.shape) * np.sqrt(case.read_dn**2 + case.gain * clean)
         image = np.clip(np.rint(clean + noise), 0, 255).astype(np.uint8)
         found = centre_of(image, family, case, centre)
@@ -153,10 +172,10 @@ def centre_of(
         shape, ok = judging.outline(image, *start[:5], 1)
         if not ok:
             return None
-        reading = judging.Reading(id=1, outline=shape, sign=1, bits=np.zeros(12, np.int64),
-                                  phase_rad=0.0, margin=0.5)  # fmt: skip
-        fit = judging._fit(image, family, reading, case.read_dn**2 + 1 / 12, case.gain, 255.0,
-                           None)
+        reading = judging.Reading(
+            id=1, outline=shape, sign=1, bits=np.zeros(12, np.int64), phase_rad=0.0, margin=0.5
+        )
+        fit = judging._fit(image, family, reading, case.read_dn**2 + 1 / 12, case.gain, 255.0, None)
         return None if fit is None else (fit[0][:2], fit[1])
     targets = detect_targets(image, family, DetectionOptions()).targets
     return (targets[0].center_px, targets[0].covariance_px2) if len(targets) == 1 else None
@@ -175,9 +194,12 @@ def main() -> None:
         if args.only not in case.name:
             continue
         r = run_case(case, args.draws)
-        print(f"| {case.name} | {1e3 * r['bound']:.2f} | {1e3 * r['rmse']:.2f} "
-              f"| {r['rmse'] / r['bound']:.3f} | {1e3 * r['bias']:.2f} | {r['nees']:.2f} "
-              f"| {100 * r['found']:.1f} % |", flush=True)  # fmt: skip
+        print(
+            f"| {case.name} | {1e3 * r['bound']:.2f} | {1e3 * r['rmse']:.2f} "
+            f"| {r['rmse'] / r['bound']:.3f} | {1e3 * r['bias']:.2f} | {r['nees']:.2f} "
+            f"| {100 * r['found']:.1f} % |",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

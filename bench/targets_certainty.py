@@ -42,15 +42,29 @@ def scene(
     centre = rng.uniform(inside, max(size - inside, inside + 1.0), 2)
     if cut:
         centre[int(rng.integers(2))] = rng.uniform(-0.5, 1.0) * reach
-    plane = affine_plane(centre_px=tuple(centre), radius_px=radius, tilt_rad=tilt,
-                         axis_rad=rng.uniform(0, math.pi))  # fmt: skip
+    plane = affine_plane(
+        centre_px=tuple(centre), radius_px=radius, tilt_rad=tilt, axis_rad=rng.uniform(0, math.pi)
+    )
     window = (0, 0, size, size)
     cells = 2 if diameter > 30.0 else 4
-    cover = target_coverage(code=family.code_of(target_id), family=family, dot_radius_mm=1.0,
-                            plane_of_pixel=plane, window=window, blur_px=blur, cells=cells,
-                            phase_rad=rng.uniform(0, 7))  # fmt: skip
-    label = disc_coverage(centre_mm=(0, 0), radius_mm=family.ring_outer_ratio + 0.5, cells=2,
-                          plane_of_pixel=plane, window=window, blur_px=blur)  # fmt: skip
+    cover = target_coverage(
+        code=family.code_of(target_id),
+        family=family,
+        dot_radius_mm=1.0,
+        plane_of_pixel=plane,
+        window=window,
+        blur_px=blur,
+        cells=cells,
+        phase_rad=rng.uniform(0, 7),
+    )
+    label = disc_coverage(
+        centre_mm=(0, 0),
+        radius_mm=family.ring_outer_ratio + 0.5,
+        cells=2,
+        plane_of_pixel=plane,
+        window=window,
+        blur_px=blur,
+    )
     ground = backgrounds[int(rng.integers(len(backgrounds)))]
     top, left = (int(rng.integers(0, side - size)) for side in ground.shape)
     image = ground[top : top + size, left : left + size]
@@ -59,9 +73,13 @@ def scene(
     if covered:
         angle, middle = rng.uniform(0, 2 * math.pi), family.read_ratio
         chip = disc_coverage(
-            centre_mm=(middle * math.cos(angle), middle * math.sin(angle)), cells=2,
-            radius_mm=rng.uniform(0.4, 1.3), plane_of_pixel=plane, window=window, blur_px=blur,
-        )  # fmt: skip
+            centre_mm=(middle * math.cos(angle), middle * math.sin(angle)),
+            cells=2,
+            radius_mm=rng.uniform(0.4, 1.3),
+            plane_of_pixel=plane,
+            window=window,
+            blur_px=blur,
+        )
         level = rng.choice([dark, dark + contrast, rng.uniform(0, 255)])
         image = image * (1 - chip) + level * chip
     if rng.random() < 0.3:
@@ -114,10 +132,12 @@ def main() -> None:
     ):
         draws = args.draws if not covered else max(args.draws // 4, 1)
         r = count(draws, covered=covered, chosen=chosen, seed=args.seed)
-        print(f"| {name} | {r['draws']} | {r['wrong']} | {r['wrong in set']} "
-              f"| {100 * r['right'] / r['draws']:.1f} % "
-              f"| {100 * r['easy right'] / max(r['easy'], 1):.2f} % of {r['easy']} |",
-              flush=True)  # fmt: skip
+        print(
+            f"| {name} | {r['draws']} | {r['wrong']} | {r['wrong in set']} "
+            f"| {100 * r['right'] / r['draws']:.1f} % "
+            f"| {100 * r['easy right'] / max(r['easy'], 1):.2f} % of {r['easy']} |",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

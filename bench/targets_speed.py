@@ -34,13 +34,30 @@ def clutter(shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
         centre = (int(rng.uniform(0, width)), int(rng.uniform(0, height)))
         axes = (int(rng.uniform(4, 60)), int(rng.uniform(4, 60)))
         begin = 0.0 if rng.random() < 0.6 else float(rng.uniform(0, 200))
-        cv2.ellipse(things, centre, axes, float(rng.uniform(0, 180)), begin, 360.0,
-                    int(rng.uniform(60, 250)), int(rng.choice([-1, 2, 6])), cv2.LINE_AA)  # fmt: skip
+        cv2.ellipse(
+            things,
+            centre,
+            axes,
+            float(rng.uniform(0, 180)),
+            begin,
+            360.0,
+            int(rng.uniform(60, 250)),
+            int(rng.choice([-1, 2, 6])),
+            cv2.LINE_AA,
+        )
     for _ in range(int(40 * scale)):
         text = "".join(rng.choice(list("ABO0Q8D9"), 3))
         place = (int(rng.uniform(0, width)), int(rng.uniform(0, height)))
-        cv2.putText(things, text, place, cv2.FONT_HERSHEY_SIMPLEX, float(rng.uniform(0.5, 3)),
-                    int(rng.uniform(80, 250)), 3, cv2.LINE_AA)  # fmt: skip
+        cv2.putText(
+            things,
+            text,
+            place,
+            cv2.FONT_HERSHEY_SIMPLEX,
+            float(rng.uniform(0.5, 3)),
+            int(rng.uniform(80, 250)),
+            3,
+            cv2.LINE_AA,
+        )
     return np.maximum(25.0 + marks + grain, cv2.GaussianBlur(things, (0, 0), 0.8).astype(float))
 
 
@@ -59,11 +76,17 @@ def frame(
         half = 84
         window = (int(centre[0]) - half, int(centre[1]) - half, 2 * half, 2 * half)
         plane = affine_plane(centre_px=tuple(centre), radius_px=20.0, tilt_rad=0.5, axis_rad=index)
-        label = disc_coverage(centre_mm=(0, 0), radius_mm=4.0, plane_of_pixel=plane,
-                              window=window, blur_px=0.8)  # fmt: skip
-        cover = target_coverage(code=family.code_of(index % len(family) + 1), family=family,
-                                dot_radius_mm=1.0, plane_of_pixel=plane, window=window,
-                                blur_px=0.8)  # fmt: skip
+        label = disc_coverage(
+            centre_mm=(0, 0), radius_mm=4.0, plane_of_pixel=plane, window=window, blur_px=0.8
+        )
+        cover = target_coverage(
+            code=family.code_of(index % len(family) + 1),
+            family=family,
+            dot_radius_mm=1.0,
+            plane_of_pixel=plane,
+            window=window,
+            blur_px=0.8,
+        )
         view = image[window[1] : window[1] + 2 * half, window[0] : window[0] + 2 * half]
         view[:] = view * (1 - label) + 15.0 * label + 165.0 * cover
     image = image + rng.normal(size=shape) * np.sqrt(4.0 + 0.1 * np.maximum(image, 0))
@@ -85,7 +108,9 @@ def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=9)
-    parser.add_argument("--frames", type=int, default=0, help="watch the memory over so many frames")
+    parser.add_argument(
+        "--frames", type=int, default=0, help="watch the memory over so many frames"
+    )
     args = parser.parse_args()
     cv2.setNumThreads(1)
     family = TargetFamily.by_name("metashape12")
@@ -104,12 +129,17 @@ def main() -> None:
         ours = cpu_ms(lambda image=image: detect_targets(image, family), args.runs)
         theirs = cpu_ms(lambda image=image: april.detect(image), args.runs) if april else np.nan
         others = cpu_ms(lambda image=image: aruco.detectMarkers(image), max(args.runs // 3, 1))
-        print(f"| {name} | {found} of 12 | {ours:.1f} | {theirs:.1f} | {ours / theirs:.3f} "
-              f"| {others:.1f} |", flush=True)  # fmt: skip
+        print(
+            f"| {name} | {found} of 12 | {ours:.1f} | {theirs:.1f} | {ours / theirs:.3f} "
+            f"| {others:.1f} |",
+            flush=True,
+        )
     large = frame(True, targets=150, shape=(3888, 5184))
     found = len(detect_targets(large, family).targets)
-    print(f"\n20 MP, cluttered, 150 targets: {found} found in "
-          f"{cpu_ms(lambda: detect_targets(large, family), 3):.0f} ms")  # fmt: skip
+    print(
+        f"\n20 MP, cluttered, 150 targets: {found} found in "
+        f"{cpu_ms(lambda: detect_targets(large, family), 3):.0f} ms"
+    )
     if args.frames:
         image = frame(False)[:600, :800].copy()
         detect_targets(image, family)

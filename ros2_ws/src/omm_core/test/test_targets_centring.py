@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 import pytest
-from omm_core.targets import TargetFamily, detect_targets
 from target_scenes import as_seen, target_image
+
+from omm_core.targets import TargetFamily, detect_targets
 
 FAMILY = TargetFamily.by_name("metashape12")
 

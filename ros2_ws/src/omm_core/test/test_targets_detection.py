@@ -5,9 +5,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from target_scenes import as_seen, target_image
+
 from omm_core.errors import InputError
 from omm_core.targets import DetectionOptions, TargetFamily, detect_targets
-from target_scenes import as_seen, target_image
 
 PHOTO = Path(__file__).parents[5] / "shared/data/photos/rings_14bit_aicon.jpg"
 METASHAPE = TargetFamily.by_name("metashape12")
@@ -28,15 +29,26 @@ def test_every_family_and_polarity_is_read(name, bright):
 
 @pytest.mark.parametrize(
     ("diameter_px", "tilt_deg", "blur_px", "contrast_dn"),
-    [(12.0, 50.0, 0.8, 150.0), (12.0, 0.0, 1.5, 40.0), (8.0, 0.0, 0.7, 150.0),
-     (120.0, 60.0, 2.0, 40.0), (60.0, 45.0, 1.0, 400.0)],
-)  # fmt: skip
+    [
+        (12.0, 50.0, 0.8, 150.0),
+        (12.0, 0.0, 1.5, 40.0),
+        (8.0, 0.0, 0.7, 150.0),
+        (120.0, 60.0, 2.0, 40.0),
+        (60.0, 45.0, 1.0, 400.0),
+    ],
+)
 def test_the_working_range_is_covered(diameter_px, tilt_deg, blur_px, contrast_dn):
     rng = np.random.default_rng(2)
     found = 0
     for target_id in range(1, 161, 8):
-        image, _ = target_image(rng, target_id=target_id, diameter_px=diameter_px, blur_px=blur_px,
-                                tilt_deg=tilt_deg, contrast_dn=contrast_dn)  # fmt: skip
+        image, _ = target_image(
+            rng,
+            target_id=target_id,
+            diameter_px=diameter_px,
+            blur_px=blur_px,
+            tilt_deg=tilt_deg,
+            contrast_dn=contrast_dn,
+        )
         ids = [t.id for t in detect_targets(as_seen(rng, image), METASHAPE).targets]
         assert ids in ([target_id], [])
         found += bool(ids)
@@ -75,8 +87,12 @@ def test_a_covered_sector_is_refused_not_misread():
     read = METASHAPE.read_ratio
     for target_id in range(1, 160, 8):
         turn = rng.uniform(0, 6.28)
-        image, _ = target_image(rng, target_id=target_id, diameter_px=40.0,
-                                chip=(read * np.cos(turn), read * np.sin(turn), 0.5))  # fmt: skip
+        image, _ = target_image(
+            rng,
+            target_id=target_id,
+            diameter_px=40.0,
+            chip=(read * np.cos(turn), read * np.sin(turn), 0.5),
+        )
         ids = [t.id for t in detect_targets(as_seen(rng, image), METASHAPE).targets]
         assert ids in ([target_id], [])
 
@@ -143,7 +159,17 @@ def test_images_without_targets_are_empty(shape):
 def test_all_targets_of_the_photograph_are_read():
     image = cv2.imread(str(PHOTO), cv2.IMREAD_GRAYSCALE)
     ids = {t.id for t in detect_targets(image, TargetFamily.by_name("aicon14")).targets}
-    crude = {*range(1, 11), *range(15, 24), *range(41, 56), 75, 77, 79, 81, *range(379, 389), 399,
-             *range(401, 411)}  # fmt: skip
+    crude = {
+        *range(1, 11),
+        *range(15, 24),
+        *range(41, 56),
+        75,
+        77,
+        79,
+        81,
+        *range(379, 389),
+        399,
+        *range(401, 411),
+    }
     runs = {*range(1, 56), *range(70, 90), *range(375, 415)}
     assert crude <= ids <= runs

@@ -1,6 +1,7 @@
 """The tables of codes follow from their rules and match what is published."""
 
 import pytest
+
 from omm_core.errors import InputError
 from omm_core.targets import TargetFamily, family_names
 from omm_core.targets.choosing import propose_ids, separation
@@ -8,9 +9,15 @@ from omm_core.targets.families import mirror_code, rotate_code
 
 # Published by the makers: number of codes, and the first of the 12-bit families.
 COUNTS = {
-    "aicon12": 147, "aicon14": 516, "aicon16": 1861, "aicon20": 24793,
-    "metashape12": 161, "metashape14": 561, "metashape16": 2001, "metashape20": 26013,
-}  # fmt: skip
+    "aicon12": 147,
+    "aicon14": 516,
+    "aicon16": 1861,
+    "aicon20": 24793,
+    "metashape12": 161,
+    "metashape14": 561,
+    "metashape16": 2001,
+    "metashape20": 26013,
+}
 
 
 @pytest.mark.parametrize("name", family_names())

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+
 from omm_core.errors import InputError
 from omm_core.targets import TargetFamily, detect_targets
 from omm_core.targets.printing import Sheet, parse_ids, ring_polygons, write_pdf

@@ -107,14 +107,19 @@ def disc_coverage(
 
     def draw(x: Floats, y: Floats, k: int) -> Floats:
         shifted = (x - centre_mm[0], y - centre_mm[1])
-        return _target_cells(*shifted, k, radius_mm, 2.0 * radius_mm, 3.0 * radius_mm,
-                             np.zeros(12), 0.0)  # fmt: skip
+        return _target_cells(
+            *shifted, k, radius_mm, 2.0 * radius_mm, 3.0 * radius_mm, np.zeros(12), 0.0
+        )
 
     return blurred_cells(draw, plane_of_pixel, window, blur_px, cells)
 
 
 def affine_plane(
-    *, centre_px: tuple[float, float], radius_px: float, tilt_rad: float = 0.0, axis_rad: float = 0.0
+    *,
+    centre_px: tuple[float, float],
+    radius_px: float,
+    tilt_rad: float = 0.0,
+    axis_rad: float = 0.0,
 ) -> PlaneOfPixel:
     """Mapping of a distant tilted target; its plane is measured in dot radii (dot radius 1).
 
@@ -188,7 +193,7 @@ def _cover(x, y, jxu, jxv, jyu, jyv, dot, inner, outer, bits, phase):  # type: i
     n = len(bits)
     pitch = 2.0 * math.pi / n
     turn = (math.atan2(-y, x) - phase) / pitch
-    k = int(math.floor(turn + 0.5))  # the sector border next to the cell
+    k = math.floor(turn + 0.5)  # the sector border next to the cell
     border = phase + k * pitch
     before, after = bits[(k - 1) % n], bits[k % n]
     if before == after:
@@ -207,8 +212,14 @@ def _target_cells(x, y, k, dot, inner, outer, bits, phase):  # type: ignore[no-u
         for c in range(1, cols + 1):
             xu, xv = 0.5 * (x[r, c + 1] - x[r, c - 1]), 0.5 * (x[r + 1, c] - x[r - 1, c])
             yu, yv = 0.5 * (y[r, c + 1] - y[r, c - 1]), 0.5 * (y[r + 1, c] - y[r - 1, c])
-            xuu, xvv = x[r, c + 1] + x[r, c - 1] - 2 * x[r, c], x[r + 1, c] + x[r - 1, c] - 2 * x[r, c]
-            yuu, yvv = y[r, c + 1] + y[r, c - 1] - 2 * y[r, c], y[r + 1, c] + y[r - 1, c] - 2 * y[r, c]
+            xuu, xvv = (
+                x[r, c + 1] + x[r, c - 1] - 2 * x[r, c],
+                x[r + 1, c] + x[r - 1, c] - 2 * x[r, c],
+            )
+            yuu, yvv = (
+                y[r, c + 1] + y[r, c - 1] - 2 * y[r, c],
+                y[r + 1, c] + y[r - 1, c] - 2 * y[r, c],
+            )
             xuv = 0.25 * (x[r + 1, c + 1] + x[r - 1, c - 1] - x[r + 1, c - 1] - x[r - 1, c + 1])
             yuv = 0.25 * (y[r + 1, c + 1] + y[r - 1, c - 1] - y[r + 1, c - 1] - y[r - 1, c + 1])
             for i in range(k):

@@ -22,14 +22,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("images", nargs="+", metavar="IMAGE", help="files, folders or patterns")
     parser.add_argument("--family", required=True, help="aicon12, aicon14, metashape12, …")
     parser.add_argument("--json", metavar="OUT", help="write the result; - for the screen")
-    parser.add_argument("--overlay", metavar="FOLDER", nargs="?", const="",
-                        help="draw the result: beside each image, or into a folder")  # fmt: skip
+    parser.add_argument(
+        "--overlay",
+        metavar="FOLDER",
+        nargs="?",
+        const="",
+        help="draw the result: beside each image, or into a folder",
+    )
     parser.add_argument("--polarity", choices=("both", "bright", "dark"), default="both")
     parser.add_argument("--min-contrast-dn", type=float, default=20.0)
-    parser.add_argument("--centring", choices=("fit", "outline"), default="fit",
-                        help="outline is faster and less accurate")  # fmt: skip
-    parser.add_argument("--expect", metavar="IDS",
-                        help="the part's numbers, such as 1-10,15: notices mirrored images")  # fmt: skip
+    parser.add_argument(
+        "--centring",
+        choices=("fit", "outline"),
+        default="fit",
+        help="outline is faster and less accurate",
+    )
+    parser.add_argument(
+        "--expect",
+        metavar="IDS",
+        help="the part's numbers, such as 1-10,15: notices mirrored images",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -56,7 +68,9 @@ def run(args: argparse.Namespace) -> int:
         try:
             image = read_grey(path)
         except InputError as error:
-            console.print(f"omm: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
+            console.print(
+                f"omm: {error}", style="red", markup=False, highlight=False, soft_wrap=True
+            )
             failed += 1
             continue
         detection = detect_targets(image, family, options)
@@ -89,9 +103,13 @@ def find_images(names: list[str]) -> list[Path]:
         elif path.is_file():
             found.append(path)
         else:
-            matches = [Path(m) for m in sorted(glob.glob(name, recursive=True)) if Path(m).is_file()]
+            matches = [
+                Path(m) for m in sorted(glob.glob(name, recursive=True)) if Path(m).is_file()
+            ]
             if not matches:
-                raise InputError(f"{name}: expected an image, a folder or a pattern, found nothing.")
+                raise InputError(
+                    f"{name}: expected an image, a folder or a pattern, found nothing."
+                )
             found += matches
     return list(dict.fromkeys(found))
 
@@ -164,11 +182,15 @@ def _show(path: Path, detection: Detection) -> None:
     print(f"{path}: {len(detection.targets)} targets")
     for target in detection.targets:
         sigma = (target.covariance_px2[0, 0] + target.covariance_px2[1, 1]) ** 0.5
-        print(f"  {target.id:>6}  {target.center_px[0]:10.3f} {target.center_px[1]:10.3f} px"
-              f"  ±{sigma:.3f}  dot {target.diameter_px:.1f} px")  # fmt: skip
+        print(
+            f"  {target.id:>6}  {target.center_px[0]:10.3f} {target.center_px[1]:10.3f} px"
+            f"  ±{sigma:.3f}  dot {target.diameter_px:.1f} px"
+        )
     for refused in detection.refused:
-        print(f"  refused {refused.center_px[0]:9.1f} {refused.center_px[1]:10.1f} px"
-              f"  {refused.reason}")  # fmt: skip
+        print(
+            f"  refused {refused.center_px[0]:9.1f} {refused.center_px[1]:10.1f} px"
+            f"  {refused.reason}"
+        )
 
 
 def _write_json(out: str, results: list[dict[str, Any]]) -> None:

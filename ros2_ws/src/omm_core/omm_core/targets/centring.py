@@ -46,7 +46,7 @@ def _ring_share(u, v, rho, length, inner, s, bits, phase):  # type: ignore[no-un
     n = len(bits)
     pitch = 2.0 * math.pi / n
     turn = (math.atan2(v, u) - phase) / pitch
-    k = int(math.floor(turn + 0.5))
+    k = math.floor(turn + 0.5)
     before, after = bits[(k - 1) % n], bits[k % n]
     share = before
     if before != after:
@@ -82,8 +82,22 @@ def _window(image, start, widest, inner):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, fastmath=True)
-def fit_dot(image, start, sign, inner, bits, phase, read, gain, saturation, prior, prior_mean,
-            p, covariance, statistics):  # type: ignore[no-untyped-def]  # fmt: skip
+def fit_dot(
+    image,
+    start,
+    sign,
+    inner,
+    bits,
+    phase,
+    read,
+    gain,
+    saturation,
+    prior,
+    prior_mean,
+    p,
+    covariance,
+    statistics,
+):  # type: ignore[no-untyped-def]
     """Fit the model of the module's docstring.
 
     Parameters
@@ -108,8 +122,6 @@ def fit_dot(image, start, sign, inner, bits, phase, read, gain, saturation, prio
     reach = max(math.sqrt(a11 * a11 + a12 * a12), math.sqrt(a12 * a12 + a22 * a22))
     s_start = p[5]
     n = PARAMETERS
-    normal = np.zeros((n, n))
-    right = np.zeros(n)
     g = np.zeros(n)
     flat = np.zeros((2, 12))
     small = 0.5 * (a11 + a22 - math.hypot(a11 - a22, 2.0 * a12))
@@ -120,9 +132,9 @@ def fit_dot(image, start, sign, inner, bits, phase, read, gain, saturation, prio
     widest = max(4.0 * s_start + 4.0, 0.6 * (inner - 1.0) * reach)
     pixels = _window(image, start, widest, inner)
     clipped = np.zeros(len(pixels), dtype=np.bool_)
+    rows, rests = np.empty((len(pixels), PARAMETERS)), np.empty(len(pixels))
     for turn in range(15):
-        normal[:] = 0.0
-        right[:] = 0.0
+        used = 0
         statistics[:] = 0.0
         s = p[5]
         det = p[2] * p[4] - p[3] * p[3]
@@ -211,12 +223,13 @@ def fit_dot(image, start, sign, inner, bits, phase, read, gain, saturation, prio
                 g[3] = -edge * dx * dy / norm
                 g[4] = -edge * 0.5 * dy * dy / norm
                 g[5] = edge * d / s
-            # Both halves of the matrix: with a fixed length of loop that is the faster way.
+            root = math.sqrt(w)
             for j in range(PARAMETERS):
-                wg = w * g[j]
-                right[j] += wg * residual
-                for k in range(PARAMETERS):
-                    normal[j, k] += wg * g[k]
+                rows[used, j] = root * g[j]
+            rests[used] = root * residual
+            used += 1
+        normal = np.dot(rows[:used].T, rows[:used])
+        right = np.dot(rows[:used].T, rests[:used])
         for kind in range(2):
             at = 6 + 3 * kind
             normal[at, at] += flat[kind, 0]
@@ -290,7 +303,7 @@ def fit_dot(image, start, sign, inner, bits, phase, read, gain, saturation, prio
 
 
 @numba.njit(cache=True)
-def ring_light(image, start, inner, outer, bits, phase, s, saturation):  # type: ignore[no-untyped-def]  # fmt: skip
+def ring_light(image, start, inner, outer, bits, phase, s, saturation):  # type: ignore[no-untyped-def]
     """Planes of light F and B through what lies around the dot, ring and gap.
 
     A pixel shows B + (F - B) R with R its share of the ring; where R is steep, a wrong radius would
@@ -332,7 +345,7 @@ def ring_light(image, start, inner, outer, bits, phase, s, saturation):  # type:
             share = 0.0
             if z_in > -3.0:
                 turn = (math.atan2(v, u) - phase) / pitch
-                k = int(math.floor(turn + 0.5))
+                k = math.floor(turn + 0.5)
                 before, after = bits[(k - 1) % n], bits[k % n]
                 share = before + 0.0
                 if before != after:
@@ -365,7 +378,7 @@ def ring_light(image, start, inner, outer, bits, phase, s, saturation):  # type:
 
 @numba.njit(cache=True)
 def ring_scatter(taken, planes):  # type: ignore[no-untyped-def]
-    """Sums of squares about the planes (8,), and numbers, of wholly set [0] and clear [1] pixels."""
+    """Sums of squares about the planes (8,), and numbers, of all set [0] or clear [1] pixels."""
     squares, count = np.zeros(2), np.zeros(2)
     for i in range(len(taken)):
         share, tx, ty, value = taken[i, 0], taken[i, 1], taken[i, 2], taken[i, 3]

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from omm_core.errors import InputError
 from omm_core.targets import judging
 from omm_core.targets.families import TargetFamily, mirror_code
+from omm_core.targets.reading import within_any
 from omm_core.targets.search import find_dots
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
@@ -113,14 +114,19 @@ def detect_targets(
     options = options or DetectionOptions()
     _check(image, options)
     found = _search(image, family, options)
-    readings, refused = [], []
-    for candidate in found:
+    readings: list[judging.Reading] = []
+    rings = np.empty((len(found), 5))
+    refused = []
+    # Large ones first: the sectors of a ring look like small dots, and need no second look.
+    for candidate in found[np.argsort(found[:, 2] + found[:, 4])]:
+        if within_any(rings, len(readings), candidate[0], candidate[1], family.ring_outer_ratio):
+            continue
         outcome = judging.read_target(image, family, candidate)
         if isinstance(outcome, judging.Reading):
+            rings[len(readings)] = outcome.outline[:5]
             readings.append(outcome)
         elif outcome is not None:
             refused.append(RefusedTarget(**outcome))
-    readings = _without_repeats(readings)
     if options.centring == "fit" and readings:
         saturation = _saturation(image, options, readings)
         outcomes = judging.centre_all(image, family, readings, saturation)
@@ -142,7 +148,11 @@ def detect_targets(
 
 
 def _check(image: Image, options: DetectionOptions) -> None:
-    if not isinstance(image, np.ndarray) or image.ndim != 2 or image.dtype not in (np.uint8, np.uint16):
+    if (
+        not isinstance(image, np.ndarray)
+        or image.ndim != 2
+        or image.dtype not in (np.uint8, np.uint16)
+    ):
         shape = getattr(image, "shape", None)
         raise InputError(
             f"Expected a grey image (H, W) of uint8 or uint16, got {type(image).__name__} "
@@ -156,9 +166,7 @@ def _check(image: Image, options: DetectionOptions) -> None:
         raise InputError(f"Expected the centring 'fit' or 'outline', got {options.centring!r}.")
 
 
-def _search(
-    image: Image, family: TargetFamily, options: DetectionOptions
-) -> NDArray[np.float64]:
+def _search(image: Image, family: TargetFamily, options: DetectionOptions) -> NDArray[np.float64]:
     """Candidates at full size: (N, 6) col, row, conic's xx, xy, yy, polarity."""
     height, width = image.shape
     if min(height, width) < 24:
@@ -168,7 +176,7 @@ def _search(
     found = np.empty((options.max_candidates, 6))
     count = find_dots(
         half,
-        max(int(0.4 * options.min_contrast_dn * unit), 3),
+        max(int(0.5 * options.min_contrast_dn * unit), 3),
         max(int(0.6 * options.min_contrast_dn * unit), 4),
         int(0.5 * options.max_diameter_px),
         0.5 * (1.0 + family.ring_inner_ratio),
@@ -186,9 +194,7 @@ def _search(
     return full
 
 
-def _saturation(
-    image: Image, options: DetectionOptions, readings: list[judging.Reading]
-) -> float:
+def _saturation(image: Image, options: DetectionOptions, readings: list[judging.Reading]) -> float:
     """Grey value from which on pixels are saturated."""
     if options.saturation_dn is not None:
         return options.saturation_dn
@@ -208,21 +214,6 @@ def _saturation(
     return highest if often else 65535.0
 
 
-def _without_repeats(readings: list[judging.Reading]) -> list[judging.Reading]:
-    """One reading per place: candidates of one dot lead to the same outline."""
-    kept: list[judging.Reading] = []
-    for reading in readings:
-        for other in kept:
-            distance = math.hypot(
-                reading.outline[0] - other.outline[0], reading.outline[1] - other.outline[1]
-            )
-            if distance < 0.5 * other.radius_px:
-                break
-        else:
-            kept.append(reading)
-    return kept
-
-
 def _inside_any(refused: RefusedTarget, targets: list[DetectedTarget]) -> bool:
     return any(
         math.dist(refused.center_px, target.center_px) < 0.5 * target.diameter_px
@@ -237,8 +228,11 @@ def _refuse_doubles(
     ids = [target.id for target in targets]
     kept = [target for target in targets if ids.count(target.id) == 1]
     refused = [
-        _refuse(target, f"number {target.id} is seen {ids.count(target.id)} times in this image: "
-                "remove the copy or the reflection")  # fmt: skip
+        _refuse(
+            target,
+            f"number {target.id} is seen {ids.count(target.id)} times in this image: "
+            "remove the copy or the reflection",
+        )
         for target in targets
         if ids.count(target.id) > 1
     ]
@@ -259,13 +253,14 @@ def _refuse_mirrored(
     if mirrored <= direct:
         return []
     return [
-        _refuse(target, "the image is mirrored: more of the part's numbers are read when it is "
-                "turned over; switch off the camera's flip")  # fmt: skip
+        _refuse(
+            target,
+            "the image is mirrored: more of the part's numbers are read when it is "
+            "turned over; switch off the camera's flip",
+        )
         for target in targets
     ]
 
 
 def _refuse(target: DetectedTarget, reason: str) -> RefusedTarget:
-    return RefusedTarget(
-        center_px=target.center_px, diameter_px=target.diameter_px, reason=reason
-    )
+    return RefusedTarget(center_px=target.center_px, diameter_px=target.diameter_px, reason=reason)

@@ -105,8 +105,11 @@ def _read_ring(
     if margin < MIN_MARGIN:
         return _refused(shape, "a sector of the ring is neither set nor clear")
     if sector_error > MAX_SECTOR_ERROR or rms > MAX_PROFILE_RMS:
-        return _refused(shape, "the ring does not look as its own bits let expect: "
-                        "something lies on it, or light falls on it")  # fmt: skip
+        return _refused(
+            shape,
+            "the ring does not look as its own bits let expect: "
+            "something lies on it, or light falls on it",
+        )
     if gap > MAX_GAP:
         return _refused(shape, "something lies between dot and ring")
     if max(before, beyond) > MAX_BESIDE:
@@ -123,7 +126,9 @@ def _read_ring(
 def centre_of_outline(reading: Reading) -> dict[str, Any]:
     """The outline's ellipse as result; its covariance from the scatter of its points."""
     scatter = max(float(reading.outline[7]), 0.01) ** 2
-    return _result(reading, reading.outline[:5], np.eye(2) * scatter * 2.0 / 40.0, reading.outline[8])
+    return _result(
+        reading, reading.outline[:5], np.eye(2) * scatter * 2.0 / 40.0, reading.outline[8]
+    )
 
 
 def centre_all(
@@ -169,9 +174,15 @@ def _ring_light(
     """Light around the dot, or None where too little of the ring can be used."""
     s = max(float(reading.outline[8]), 0.35)
     normal, right, count, clipped, taken = ring_light(
-        image, reading.outline, family.ring_inner_ratio, family.ring_outer_ratio,
-        reading.bits, reading.phase_rad, s, saturation,
-    )  # fmt: skip
+        image,
+        reading.outline,
+        family.ring_inner_ratio,
+        family.ring_outer_ratio,
+        reading.bits,
+        reading.phase_rad,
+        s,
+        saturation,
+    )
     lost = clipped > 0.02 * count
     if lost.any():
         return _half_clipped(taken, lost)
@@ -212,8 +223,14 @@ def _half_clipped(taken: Floats, lost: NDArray[np.bool_]) -> _Light:
         slopes[2 * kind : 2 * kind + 2] = solution[1:]
         block = slice(3 * kind, 3 * kind + 3)
         normal[block, block] = plane.T @ plane
-    return _Light(levels=levels, variances=variances, pixels=pixels, slopes=slopes,
-                  normal=normal, clipped=lost)  # fmt: skip
+    return _Light(
+        levels=levels,
+        variances=variances,
+        pixels=pixels,
+        slopes=slopes,
+        normal=normal,
+        clipped=lost,
+    )
 
 
 def _fit(
@@ -234,9 +251,22 @@ def _fit(
     p[6], p[9] = shape[5], shape[6]
     p[[7, 8, 10, 11]] = mean
     covariance, statistics = np.zeros((2, 2)), np.zeros(6)
-    ok = fit_dot(image, shape, reading.sign, family.ring_inner_ratio, reading.bits,
-                 reading.phase_rad, read, gain, saturation, prior, mean, p, covariance,
-                 statistics)  # fmt: skip
+    ok = fit_dot(
+        image,
+        shape,
+        reading.sign,
+        family.ring_inner_ratio,
+        reading.bits,
+        reading.phase_rad,
+        read,
+        gain,
+        saturation,
+        prior,
+        mean,
+        p,
+        covariance,
+        statistics,
+    )
     return (p, covariance, statistics) if ok else None
 
 
@@ -289,15 +319,17 @@ def _noise(lights: list[_Light]) -> tuple[float, float]:
 def _judge(reading: Reading, fit: tuple[Floats, Floats, Floats] | None) -> dict[str, Any]:
     shape = reading.outline
     if fit is None:
-        return _refused(shape, "the dot's edge is not that of one evenly lit dot: "
-                        "its centre cannot be trusted")  # fmt: skip
+        return _refused(
+            shape, "the dot's edge is not that of one evenly lit dot: its centre cannot be trusted"
+        )
     p, covariance, statistics = fit
     free = max(float(statistics[5]) - PARAMETERS, 1.0)
     misfit = float(statistics[4]) / free
     residual = math.sqrt((statistics[1] + statistics[3]) / (free + PARAMETERS))
     if misfit > MAX_MISFIT and residual > MAX_RESIDUAL * abs(p[6] - p[9]):
-        return _refused(shape, "something lies on the dot or shines on it: "
-                        "its centre cannot be trusted")  # fmt: skip
+        return _refused(
+            shape, "something lies on the dot or shines on it: its centre cannot be trusted"
+        )
     # What the dot itself shows of the noise counts: it grew by misfit, or was thought too large.
     covariance = covariance * max(misfit, 0.2)
     return _result(reading, p[:5], covariance, p[5], abs(p[6] - p[9]))
@@ -317,7 +349,9 @@ def _result(
         "angle_rad": 0.5 * math.atan2(2.0 * a12, a11 - a22),
         "phase_rad": reading.phase_rad,
         "bright": reading.sign > 0,
-        "contrast_dn": float(abs(reading.outline[5] - reading.outline[6]) if contrast is None else contrast),
+        "contrast_dn": float(
+            abs(reading.outline[5] - reading.outline[6]) if contrast is None else contrast
+        ),
         "blur_px": float(s),
         "ring_margin": reading.margin,
     }

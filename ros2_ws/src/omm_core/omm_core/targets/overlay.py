@@ -33,21 +33,45 @@ def draw_detection(image: NDArray[Any], detection: Detection) -> NDArray[np.uint
         _draw_target(picture, target)
     for refused in detection.refused:
         radius = max(refused.diameter_px, 8.0)
-        cv2.circle(picture, _fixed(refused.center_px), round(radius * 2**_SHIFT), RED, 1,
-                   cv2.LINE_AA, _SHIFT)  # fmt: skip
+        cv2.circle(
+            picture,
+            _fixed(refused.center_px),
+            round(radius * 2**_SHIFT),
+            RED,
+            1,
+            cv2.LINE_AA,
+            _SHIFT,
+        )
         _write(picture, refused.center_px, radius, refused.reason.split(":")[0], RED, 0.35)
     return np.asarray(picture, dtype=np.uint8)
 
 
 def _draw_target(picture: NDArray[Any], target: DetectedTarget) -> None:
     axes = tuple(round(0.5 * axis * 2**_SHIFT) for axis in target.axes_px)
-    cv2.ellipse(picture, _fixed(target.center_px), axes, math.degrees(target.angle_rad), 0.0, 360.0,
-                GREEN, 1, cv2.LINE_AA, _SHIFT)  # fmt: skip
+    cv2.ellipse(
+        picture,
+        _fixed(target.center_px),
+        axes,
+        math.degrees(target.angle_rad),
+        0.0,
+        360.0,
+        GREEN,
+        1,
+        cv2.LINE_AA,
+        _SHIFT,
+    )
     arm = max(0.15 * target.diameter_px, 2.0)
     for step in ((arm, 0.0), (0.0, arm)):
         offset = np.array(step)
-        cv2.line(picture, _fixed(target.center_px - offset), _fixed(target.center_px + offset),
-                 YELLOW, 1, cv2.LINE_AA, _SHIFT)  # fmt: skip
+        cv2.line(
+            picture,
+            _fixed(target.center_px - offset),
+            _fixed(target.center_px + offset),
+            YELLOW,
+            1,
+            cv2.LINE_AA,
+            _SHIFT,
+        )
     size = min(max(target.diameter_px / 25.0, 0.45), 3.0)
     _write(picture, target.center_px, 1.8 * target.diameter_px, str(target.id), YELLOW, size)
 

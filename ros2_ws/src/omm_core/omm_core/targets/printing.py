@@ -51,9 +51,7 @@ class Sheet:
 
     def __post_init__(self) -> None:
         if self.paper not in PAPERS_MM:
-            raise InputError(
-                f"Expected a paper out of {', '.join(PAPERS_MM)}, got {self.paper!r}."
-            )
+            raise InputError(f"Expected a paper out of {', '.join(PAPERS_MM)}, got {self.paper!r}.")
         if not (math.isfinite(self.dot_mm) and self.dot_mm > 0.0):
             raise InputError(f"Expected a dot diameter above 0 mm, got {self.dot_mm}.")
         if not self.ids:
@@ -64,7 +62,7 @@ class Sheet:
         if self.cell_mm > width or self.cell_mm > height:
             raise InputError(
                 f"Targets with a dot of {self.dot_mm:g} mm need {self.cell_mm:.0f} mm, the paper "
-                f"{self.paper} has {min(width, height):.0f} mm: take a larger paper or smaller dots."
+                f"{self.paper} has {min(width, height):.0f} mm: take larger paper or smaller dots."
             )
 
     @property
@@ -91,12 +89,14 @@ class Sheet:
         for index, target_id in enumerate(self.ids):
             page, place = divmod(index, columns * rows)
             row, column = divmod(place, columns)
-            places.append((
-                target_id,
-                page,
-                MARGIN_MM + (column + 0.5) * self.cell_mm,
-                MARGIN_MM + (row + 0.5) * self.cell_mm,
-            ))  # fmt: skip
+            places.append(
+                (
+                    target_id,
+                    page,
+                    MARGIN_MM + (column + 0.5) * self.cell_mm,
+                    MARGIN_MM + (row + 0.5) * self.cell_mm,
+                )
+            )
         return places
 
 
@@ -190,7 +190,9 @@ def _footer(pdf, sheet: Sheet, page: int, pages: int) -> None:  # type: ignore[n
     for tick in range(int(length / 10.0) + 1):
         pdf.line(x + 10.0 * tick, y - (3.0 if tick % 5 == 0 else 1.5), x + 10.0 * tick, y)
     _text(pdf, x, y + 2.6, f"{length:g} mm between the outer ticks: measure it, print at 100 %")
-    _text(pdf, x, y - 5.0, f"{sheet.family.name}, dot {sheet.dot_mm:g} mm, page {page + 1} of {pages}")
+    _text(
+        pdf, x, y - 5.0, f"{sheet.family.name}, dot {sheet.dot_mm:g} mm, page {page + 1} of {pages}"
+    )
 
 
 def _text(pdf, x: float, y: float, text: str, *, centred: bool = False) -> None:  # type: ignore[no-untyped-def]

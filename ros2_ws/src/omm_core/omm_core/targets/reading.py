@@ -26,6 +26,17 @@ def sample(image, col, row):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
+def within_any(conics, count, col, row, ratio):  # type: ignore[no-untyped-def]
+    """Lies a point within `ratio` times one of the first `count` ellipses (N, 5)?"""
+    for i in range(count):
+        dx, dy = col - conics[i, 0], row - conics[i, 1]
+        rho2 = conics[i, 2] * dx * dx + 2.0 * conics[i, 3] * dx * dy + conics[i, 4] * dy * dy
+        if rho2 < ratio * ratio:
+            return True
+    return False
+
+
+@numba.njit(cache=True)
 def square_root(xx, xy, yy):  # type: ignore[no-untyped-def]
     """A with A A = M⁻¹ (symmetric): maps the unit circle to the ellipse xᵀ M x = 1."""
     det = xx * yy - xy * xy
@@ -58,8 +69,10 @@ def outline(image, col, row, xx, xy, yy, sign):  # type: ignore[no-untyped-def]
             c, s = math.cos(angle), math.sin(angle)
             ux, uy = a11 * c + a12 * s, a12 * c + a22 * s
             length = math.sqrt(ux * ux + uy * uy)
-            v_in = 0.5 * (sample(image, col + 0.5 * ux, row + 0.5 * uy)
-                          + sample(image, col + 0.3 * ux, row + 0.3 * uy))  # fmt: skip
+            v_in = 0.5 * (
+                sample(image, col + 0.5 * ux, row + 0.5 * uy)
+                + sample(image, col + 0.3 * ux, row + 0.3 * uy)
+            )
             v_out = sample(image, col + 1.5 * ux, row + 1.5 * uy)
             if not sign * (v_in - v_out) > 0.0:
                 return result, False
@@ -217,7 +230,7 @@ def expected_profile(a11, a12, a22, inner, outer, bits, phase, s, radii, count):
             radial += (_phi(z_in) - _phi(z_out)) / len(radii)
             mean_radius += radii[j] / len(radii)
         turn = (angle - phase) / pitch
-        k = int(math.floor(turn))
+        k = math.floor(turn)
         scale = pitch * mean_radius * side / s
         value = 0.0
         for m in range(k - 2, k + 3):
@@ -288,7 +301,7 @@ def read_ring(image, shape, inner, outer, bits_count):  # type: ignore[no-untype
         expected = expected_profile(a11, a12, a22, inner, outer, bits, facts[0], s, at, count)
         still = total = 0.0
         for i in range(count):
-            sector = int(math.floor((i + 0.5 - phase) / SAMPLES)) % n
+            sector = math.floor((i + 0.5 - phase) / SAMPLES) % n
             if bits[sector] == 1 and not math.isnan(seen[i]):
                 total += 1.0
                 still += seen[i] - expected[i] > 0.4

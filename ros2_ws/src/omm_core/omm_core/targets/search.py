@@ -1,6 +1,6 @@
 """Search for dots with something ring-like around them, in the image at half size.
 
-Every second row is scanned for pairs of opposite edges. A pair whose middle is also the middle of the
+Every second row is scanned for pairs of opposite edges. A pair whose middle is also that of the
 column through it may be the centre of a dot: rays to 16 sides must then meet the dot's edge where
 an ellipse has it, the gap around must be clear, and at the ring's radius something must be set.
 Each test is cheaper than the next and turns most of the remaining away, so clutter costs little.
@@ -9,6 +9,7 @@ Each test is cheaper than the next and turns most of the remaining away, so clut
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numba
 import numpy as np
@@ -38,11 +39,14 @@ def find_dots(half, step, contrast, max_run, gap_ratio, read_ratio, found):  # t
     # Every second row: of a dot's rows at least two next to each other pass as its middle.
     for y in range(2, height - 2, 2):
         edges = 0
-        strong, strong_x = 0, -1
-        last, last_x = 0, -1
-        peak, peak_x = 0, -1
+        strong: Any = 0
+        strong_x = -1
+        last: Any = 0
+        last_x = -1
+        peak: Any = 0
+        peak_x = -1
         for x in range(2, width - 2):
-            d = np.int64(half[y, x + 1]) - np.int64(half[y, x - 1])
+            d: Any = np.int64(half[y, x + 1]) - np.int64(half[y, x - 1])
             if peak == 0 and -step < d < step:
                 continue
             same = (d >= step and peak > 0) or (d <= -step and peak < 0)
@@ -55,14 +59,35 @@ def find_dots(half, step, contrast, max_run, gap_ratio, read_ratio, found):  # t
                 if (last > 0) != (peak > 0) and last != 0:
                     w = peak_x - last_x
                     if 2 <= w <= max_run:
-                        count = _test_run(half, last_x, peak_x, y, 1 if last > 0 else -1, contrast,
-                                          gap_ratio, read_ratio, seen, found, count)  # fmt: skip
+                        count = _test_run(
+                            half,
+                            last_x,
+                            peak_x,
+                            y,
+                            1 if last > 0 else -1,
+                            contrast,
+                            gap_ratio,
+                            read_ratio,
+                            seen,
+                            found,
+                            count,
+                        )
                 if strong_x != last_x and strong != 0 and (strong > 0) != (peak > 0):
                     w = peak_x - strong_x
                     if 2 <= w <= max_run and 3 * abs(peak) >= abs(strong):
-                        count = _test_run(half, strong_x, peak_x, y, 1 if strong > 0 else -1,
-                                          contrast, gap_ratio, read_ratio, seen, found,
-                                          count)  # fmt: skip
+                        count = _test_run(
+                            half,
+                            strong_x,
+                            peak_x,
+                            y,
+                            1 if strong > 0 else -1,
+                            contrast,
+                            gap_ratio,
+                            read_ratio,
+                            seen,
+                            found,
+                            count,
+                        )
                 last, last_x = peak, peak_x
                 if 3 * abs(peak) >= abs(strong) or peak_x - strong_x > max_run:
                     strong, strong_x = peak, peak_x
@@ -71,10 +96,7 @@ def find_dots(half, step, contrast, max_run, gap_ratio, read_ratio, found):  # t
             else:
                 peak = 0
         # On rough ground more must be asked of an edge, up to twice as much.
-        if edges > width >> 4:
-            step = min(step + 2, 2 * least_step)
-        else:
-            step = max(step - 1, least_step)
+        step = min(step + 2, 2 * least_step) if edges > width >> 5 else max(step - 1, least_step)
         contrast = least_contrast * step // least_step
     return count
 
@@ -86,7 +108,9 @@ def _test_run(half, left, right, y, sign, contrast, gap_ratio, read_ratio, seen,
     if seen[y >> 1, x >> 1] or count >= len(found):
         return count
     inside = np.int64(half[y, x])
-    outside = (np.int64(half[y, max(left - 2, 0)]) + np.int64(half[y, min(right + 2, width - 1)])) >> 1
+    outside = (
+        np.int64(half[y, max(left - 2, 0)]) + np.int64(half[y, min(right + 2, width - 1)])
+    ) >> 1
     if sign * (inside - outside) < contrast:
         return count
     level = (inside + outside) >> 1
@@ -113,8 +137,9 @@ def _test_run(half, left, right, y, sign, contrast, gap_ratio, read_ratio, seen,
     for at in (int(middle - away + 0.5), int(middle + away + 0.5)):
         if 0 <= at < height and sign * (np.int64(half[at, x]) - level) > 0:
             return count
-    ok, col, row, xx, xy, yy = _ellipse(half, 0.5 * (left + right), y + 0.5 * (down - up), level,
-                                        sign, limit)  # fmt: skip
+    ok, col, row, xx, xy, yy = _ellipse(
+        half, 0.5 * (left + right), y + 0.5 * (down - up), level, sign, limit
+    )
     if not ok:
         return count
     if not _ring_like(half, col, row, xx, xy, yy, level, sign, gap_ratio, read_ratio):
