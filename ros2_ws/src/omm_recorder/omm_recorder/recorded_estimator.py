@@ -67,7 +67,10 @@ def options_from(settings: Settings) -> MeasurementOptions:
         if f"standstill_{name}_s" in settings:
             values[f"{name}_ns"] = round(settings[f"standstill_{name}_s"] * 1e9)
     solve: SolveOptions = SolveOptions(**_of_class(SolveOptions, settings))
-    detection: DetectionOptions = DetectionOptions(**_of_class(DetectionOptions, settings))
+    found = _of_class(DetectionOptions, settings)
+    if "max_dot_diameter_px" in settings:
+        found["max_diameter_px"] = settings["max_dot_diameter_px"]
+    detection: DetectionOptions = DetectionOptions(**found)
     return MeasurementOptions(pairing=PairingOptions(**values), solve=solve, detection=detection)
 
 

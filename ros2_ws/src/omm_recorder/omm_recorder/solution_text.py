@@ -65,7 +65,7 @@ def _difference(value: float, recorded_si: float, unit: str) -> str:
     if math.isnan(recorded_si):
         return "-"
     # As the estimator does for the topic, so that what is equal comes out equal.
-    si = value * 1e-3 if unit == "mm" else value
+    si = value / 1000.0 if unit == "mm" else value
     return "0 (equal)" if si == recorded_si else f"{(si - recorded_si) * 1000.0:.3g}"
 
 

@@ -1,5 +1,6 @@
 """The recorder and the replay as processes, over the real middleware."""
 
+import dataclasses
 import os
 import signal
 import subprocess
@@ -24,6 +25,7 @@ from omm_recorder.conversions import message_class, profile_from_qos
 from omm_recorder.definitions import definition, type_hash
 from omm_recorder.inspecting import inspect
 from omm_recorder.reading import Recording
+from omm_recorder.recorded_estimator import options_from
 from omm_recorder.repairing import repair, repaired_name
 from omm_recorder.rosbag2_format import TopicQos
 from omm_recorder.run_files import UNFINISHED
@@ -345,10 +347,34 @@ def test_the_live_estimator_fed_by_a_replay_comes_to_the_recorded_result(
     assert solved.recorded is not None
     live = [float(value) for value in estimates[-1].theta]
     assert list(solved.recorded.theta_si) == live
-    to_si = [1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3, 1.0]
-    assert [float(v) * f for v, f in zip(solved.result.solution.theta, to_si)] == live
+    unit = [1.0, 1.0, 1.0, 1000.0, 1000.0, 1000.0, 1.0]
+    assert [float(v) / u for v, u in zip(solved.result.solution.theta, unit)] == live
     again = solve_run(bench).result.to_json_dict()
     assert solved.result.to_json_dict() == again
+
+
+def test_solving_again_uses_every_parameter_of_the_estimator() -> None:
+    """All away from their defaults: what is not taken over comes out different."""
+    from omm_estimator.parameters import Parameters
+
+    values = {
+        "model": "6d",
+        "gamma_s_rad": 1e-4,
+        "machine_sigma_mm": 0.002,
+        "standstill_tolerance_mm": 0.007,
+        "standstill_tolerance_rad": 3e-5,
+        "standstill_window_s": 0.2,
+        "standstill_gap_s": 0.07,
+        "polarity": "bright",
+        "max_dot_diameter_px": 300.0,
+        "centring": "outline",
+    }
+    used = {f.name for f in dataclasses.fields(Parameters)} - {
+        *("part_file", "calibration_file", "part_frame")
+    }
+    assert set(values) == used
+    assert options_from(values) == Parameters(**values).measurement_options()
+    assert options_from({}) == Parameters().measurement_options()
 
 
 def test_replay_in_a_loop_begins_again_until_it_is_ended(
