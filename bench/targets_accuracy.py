@@ -173,7 +173,13 @@ def centre_of(
         if not ok:
             return None
         reading = judging.Reading(
-            id=1, outline=shape, sign=1, bits=np.zeros(12, np.int64), phase_rad=0.0, margin=0.5
+            id=1,
+            outline=shape,
+            lean=np.zeros(2),
+            sign=1,
+            bits=np.zeros(12, np.int64),
+            phase_rad=0.0,
+            margin=0.5,
         )
         fit = judging._fit(image, family, reading, case.read_dn**2 + 1 / 12, case.gain, 255.0, None)
         return None if fit is None else (fit[0][:2], fit[1])

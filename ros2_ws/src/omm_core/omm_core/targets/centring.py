@@ -303,7 +303,7 @@ def fit_dot(
 
 
 @numba.njit(cache=True)
-def ring_light(image, start, inner, outer, bits, phase, s, saturation):  # type: ignore[no-untyped-def]
+def ring_light(image, start, lean, inner, outer, bits, phase, s, saturation):  # type: ignore[no-untyped-def]
     """Planes of light F and B through what lies around the dot, ring and gap.
 
     A pixel shows B + (F - B) R with R its share of the ring; where R is steep, a wrong radius would
@@ -322,6 +322,8 @@ def ring_light(image, start, inner, outer, bits, phase, s, saturation):  # type:
     r0 = math.sqrt(det)
     reach = outer * max(math.hypot(a11, a12), math.hypot(a12, a22)) + 2.0 * s + 1.0
     stride = max(1, int(r0 / 6.0))
+    # Of large targets there is enough to stay clear of edges that perspective may have moved.
+    beside = 0.15 if r0 > 20.0 else 0.0
     n = len(bits)
     pitch = 2.0 * math.pi / n
     normal = np.zeros((8, 8))
@@ -336,8 +338,10 @@ def ring_light(image, start, inner, outer, bits, phase, s, saturation):  # type:
         for col in columns:
             dx, dy = col - start[0], row - start[1]
             u, v = (a22 * dx - a12 * dy) / det, (a11 * dy - a12 * dx) / det
+            w = 1.0 - lean[0] * u - lean[1] * v
+            u, v = u / w, v / w
             rho = math.sqrt(u * u + v * v)
-            if rho < 1.0 + 0.6 * (inner - 1.0) or rho > outer:
+            if rho < 1.0 + 0.6 * (inner - 1.0) or rho > outer - beside or abs(rho - inner) < beside:
                 continue
             # Pixels per dot radius across circles, and per radian across the sectors' borders.
             across = rho * det / math.hypot(a22 * u - a12 * v, a11 * v - a12 * u)
@@ -349,6 +353,8 @@ def ring_light(image, start, inner, outer, bits, phase, s, saturation):  # type:
                 before, after = bits[(k - 1) % n], bits[k % n]
                 share = before + 0.0
                 if before != after:
+                    if abs(turn - k) * pitch * rho < beside:
+                        continue
                     side = rho * rho * det / math.hypot(a11 * u + a12 * v, a12 * u + a22 * v)
                     share += (after - before) * _phi((turn - k) * pitch * side / s)
                 share *= _phi(z_in) * _phi(z_out)

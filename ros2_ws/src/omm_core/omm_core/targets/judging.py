@@ -24,6 +24,12 @@ MAX_SECTOR_ERROR = 0.28
 """How far a sector may be off what dot, blur and bits let expect."""
 MAX_PROFILE_RMS = 0.17
 """The same for the root mean square around the ring."""
+LEAN_RADIUS_PX = 24.0
+"""Smaller semi-axis from which on perspective is looked for within a target."""
+LEANS = np.array([-0.06, -0.04, -0.02, 0.0, 0.02, 0.04, 0.06])
+"""Radius of the dot by its distance that is tried (a dot of 15 mm at 150 mm: 0.05)."""
+MIN_LEAN_GAIN = 0.9
+"""By how much the ring must fit better with perspective (of the squared error) to believe it."""
 MAX_GAP = 0.45
 """Largest deviation from the background between dot and ring."""
 MAX_BESIDE = 0.35
@@ -44,12 +50,14 @@ class Reading:
     Attributes
     ----------
     outline : (9,) see `reading.outline`.
+    lean : (2,) the perspective's share, see `reading.ring_profile`.
     sign : +1 bright dot, -1 dark dot.
     bits : (n,) 0/1 clockwise from `phase_rad`, as seen; not yet rotated to the code.
     """
 
     id: int
     outline: Floats
+    lean: Floats
     sign: int
     bits: NDArray[np.int64]
     phase_rad: float
@@ -94,8 +102,9 @@ def read_target(
 def _read_ring(
     image: NDArray[Any], family: TargetFamily, shape: Floats, sign: int
 ) -> Reading | dict[str, Any] | None:
+    lean = _perspective(image, family, shape)
     bits, facts = read_ring(
-        image, shape, family.ring_inner_ratio, family.ring_outer_ratio, family.bits
+        image, shape, lean, family.ring_inner_ratio, family.ring_outer_ratio, family.bits
     )
     phase_rad, margin, sector_error, rms, gap, before, beyond, most = (float(f) for f in facts)
     if math.isnan(phase_rad):
@@ -119,8 +128,52 @@ def _read_ring(
     if target_id is None:
         return _refused(shape, f"the ring reads {code:0{family.bits}b}: no code of {family.name}")
     return Reading(
-        id=target_id, outline=shape, sign=sign, bits=bits, phase_rad=phase_rad, margin=margin
+        id=target_id,
+        outline=shape,
+        lean=lean,
+        sign=sign,
+        bits=bits,
+        phase_rad=phase_rad,
+        margin=margin,
     )
+
+
+def _perspective(image: NDArray[Any], family: TargetFamily, shape: Floats) -> Floats:
+    """How much larger the near side of a tilted target is than its far side, (2,) per dot radius.
+
+    It lies along the ellipse's smaller axis. Of a small dot, which is far away, it cannot be seen.
+    """
+    a11, a12, a22 = square_root(shape[2], shape[3], shape[4])
+    half = math.hypot(a11 - a22, 2.0 * a12)
+    smaller, larger = 0.5 * (a11 + a22 - half), 0.5 * (a11 + a22 + half)
+    if smaller < LEAN_RADIUS_PX or larger < 1.04 * smaller:
+        return np.zeros(2)
+    angle = 0.5 * math.atan2(2.0 * a12, a11 - a22) + 0.5 * math.pi
+    axis = np.array([math.cos(angle), math.sin(angle)])
+    # Lean is the dot's radius by its distance, times the sine of the tilt.
+    leans = LEANS * math.sqrt(1.0 - (smaller / larger) ** 2)
+    errors = np.array([_ring_error(image, family, shape, lean * axis) for lean in leans])
+    middle = len(leans) // 2
+    best = int(np.nanargmin(errors)) if np.isfinite(errors).any() else middle
+    if errors[best] ** 2 > MIN_LEAN_GAIN * errors[middle] ** 2:
+        return np.zeros(2)
+    if not 0 < best < len(leans) - 1 or not np.isfinite(errors[best - 1 : best + 2]).all():
+        return np.asarray(leans[best] * axis)
+    before, at, after = errors[best - 1 : best + 2] ** 2
+    bend = before - 2.0 * at + after
+    shift = 0.5 * (before - after) / bend if bend > 0.0 else 0.0
+    return np.asarray((leans[best] + shift * (leans[1] - leans[0])) * axis)
+
+
+def _ring_error(image: NDArray[Any], family: TargetFamily, shape: Floats, lean: Floats) -> float:
+    """RMS of what is seen of the ring less what its bits let expect; NaN outside the image."""
+    _, facts = read_ring(
+        image, shape, lean, family.ring_inner_ratio, family.ring_outer_ratio, family.bits
+    )
+    if math.isnan(facts[0]):
+        return math.nan
+    unread = facts[1] < 0.1 or facts[7] < 0.5
+    return 1.0 if unread else float(facts[3])
 
 
 def centre_of_outline(reading: Reading) -> dict[str, Any]:
@@ -176,6 +229,7 @@ def _ring_light(
     normal, right, count, clipped, taken = ring_light(
         image,
         reading.outline,
+        reading.lean,
         family.ring_inner_ratio,
         family.ring_outer_ratio,
         reading.bits,

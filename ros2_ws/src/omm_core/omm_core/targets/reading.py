@@ -241,12 +241,13 @@ def expected_profile(a11, a12, a22, inner, outer, bits, phase, s, radii, count):
 
 
 @numba.njit(cache=True)
-def read_ring(image, shape, inner, outer, bits_count):  # type: ignore[no-untyped-def]
+def read_ring(image, shape, lean, inner, outer, bits_count):  # type: ignore[no-untyped-def]
     """Read the ring around a dot and everything that speaks for or against it.
 
     Parameters
     ----------
     shape : (9,) from `outline`.
+    lean : (2,) the perspective's share, see `ring_profile`.
 
     Returns
     -------
@@ -265,7 +266,9 @@ def read_ring(image, shape, inner, outer, bits_count):  # type: ignore[no-untype
     s = max(shape[8], 0.4)
     middle, spread = 0.5 * (inner + outer), 0.25 * (outer - inner)
     radii = np.array([middle - spread, middle, middle + spread])
-    ring = (ring_profile(image, col, row, a11, a12, a22, 0.0, 0.0, radii, count) - base) / height
+    ring = (
+        ring_profile(image, col, row, a11, a12, a22, lean[0], lean[1], radii, count) - base
+    ) / height
     for i in range(count):
         if math.isnan(ring[i]):
             facts[0] = math.nan
@@ -293,11 +296,15 @@ def read_ring(image, shape, inner, outer, bits_count):  # type: ignore[no-untype
         return bits, facts
     at = np.empty(1)
     at[0] = 1.0 + 0.5 * (inner - 1.0)
-    gap = (ring_profile(image, col, row, a11, a12, a22, 0.0, 0.0, at, 4 * n) - base) / height
+    gap = (
+        ring_profile(image, col, row, a11, a12, a22, lean[0], lean[1], at, 4 * n) - base
+    ) / height
     facts[4] = np.abs(gap).max()
     for side in range(2):
         at[0] = inner - 0.3 if side == 0 else outer + 0.35
-        seen = (ring_profile(image, col, row, a11, a12, a22, 0.0, 0.0, at, count) - base) / height
+        seen = (
+            ring_profile(image, col, row, a11, a12, a22, lean[0], lean[1], at, count) - base
+        ) / height
         expected = expected_profile(a11, a12, a22, inner, outer, bits, facts[0], s, at, count)
         still = total = 0.0
         for i in range(count):
