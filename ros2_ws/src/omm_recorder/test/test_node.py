@@ -338,7 +338,10 @@ def test_the_live_estimator_fed_by_a_replay_comes_to_the_recorded_result(
         and estimates[-1].images_pending == 0
         and replay.poll() is not None
     ):
-        assert time.monotonic() < until, "the estimator did not take all images"
+        assert time.monotonic() < until, (
+            f"replay {replay.poll()}, estimates of images: "
+            f"{[(e.images_received, e.images_pending) for e in estimates]}"
+        )
         executor.spin_once(timeout_sec=0.05)
     executor.shutdown()
     recorder.send_signal(signal.SIGINT)
