@@ -298,6 +298,8 @@ def fit_dot(
             limit = 0.03 * (covariance[0, 0] + covariance[1, 1]) + 1e-10
             if move * move < limit:
                 converged = True
+                # The sums are from before this step, which takes so much off χ².
+                statistics[4] = max(statistics[4] - np.dot(step, right), 0.0)
                 break
     return converged and sign * (p[6] - p[9]) > 0.0
 
@@ -323,7 +325,7 @@ def ring_light(image, start, lean, inner, outer, bits, phase, s, saturation):  #
     reach = outer * max(math.hypot(a11, a12), math.hypot(a12, a22)) + 2.0 * s + 1.0
     stride = max(1, int(r0 / 6.0))
     # Of large targets there is enough to stay clear of edges that perspective may have moved.
-    beside = 0.15 if r0 > 20.0 else 0.0
+    beside = 0.15 if r0 > 8.0 else 0.0
     n = len(bits)
     pitch = 2.0 * math.pi / n
     normal = np.zeros((8, 8))
