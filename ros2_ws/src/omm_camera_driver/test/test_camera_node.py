@@ -20,7 +20,7 @@ from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Empty
 
-from omm_ros import qos
+from omm_ros import qos, transport
 from omm_ros.conversions import image_from_message, stamp_ns
 from omm_simulation.scenario import load_scenario
 
@@ -36,6 +36,8 @@ class Cell:
     """A listener of the camera node, and the node's process."""
 
     def __init__(self) -> None:
+        transport.prepare()
+        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
         self.context = Context()
         rclpy.init(context=self.context, domain_id=DOMAIN)
         self.node = rclpy.create_node("camera_test", context=self.context)
@@ -66,7 +68,7 @@ class Cell:
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         self.health += [s for s in message.status if s.name == "camera: connection"]
 
-    def wait_for(self, condition: Callable[[], Any], timeout_s: float = 30.0) -> None:
+    def wait_for(self, condition: Callable[[], Any], timeout_s: float = 60.0) -> None:
         """Go on listening until something is true."""
         deadline_s = time.monotonic() + timeout_s
         while not condition():

@@ -13,7 +13,7 @@ def _reliable(depth: int, durability: DurabilityPolicy = DurabilityPolicy.VOLATI
 
 
 IMAGE = _reliable(5)  # 25 MB of images wait for a slow listener; more would only be late
-POSE = _reliable(500)  # seconds of poses: a pose that is lost makes an image useless
+POSE = _reliable(5000)  # many seconds of poses: one that is lost makes an image useless
 STATE = _reliable(50)
 OBSERVATIONS = _reliable(50)
 LATCHED = _reliable(1, DurabilityPolicy.TRANSIENT_LOCAL)
