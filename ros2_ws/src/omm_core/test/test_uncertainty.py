@@ -4,7 +4,6 @@ OMM_RUNS=2000 makes the table that docs/statistics.md quotes.
 """
 
 import os
-
 from dataclasses import replace
 
 import numpy as np

@@ -128,9 +128,7 @@ class SimulatedCamera:
             return quantise(ideal, bits=bits)
         return expose(ideal, self._imaging, seed=((self._seed << 32) + frame) % 2**64, bits=bits)
 
-    def ideal(
-        self, machine_T_spindle: RigidTransform | Sequence[RigidTransform]
-    ) -> Image32:
+    def ideal(self, machine_T_spindle: RigidTransform | Sequence[RigidTransform]) -> Image32:
         """What the pixels would say without noise and quantisation (read-only; 8-bit scale).
 
         The last image is kept: while the spindle stands still there is nothing to render.

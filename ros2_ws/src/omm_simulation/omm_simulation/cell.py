@@ -173,11 +173,13 @@ def _stops(scenario: Scenario, seed: int) -> tuple[Stop, ...]:
     stops = []
     for target in scenario.part.targets:
         for side in (-0.5, 0.5):
-            target_in_spindle = np.array([
-                program.offset_mm[0] - side * program.stereo_base_mm,
-                program.offset_mm[1],
-                camera_depth_mm - program.distance_mm,
-            ])
+            target_in_spindle = np.array(
+                [
+                    program.offset_mm[0] - side * program.stereo_base_mm,
+                    program.offset_mm[1],
+                    camera_depth_mm - program.distance_mm,
+                ]
+            )
             position = machine_T_part @ target.xyz_mm - machine_R_spindle @ target_in_spindle
             position = position + rng.uniform(-1.0, 1.0, 3) * program.spread_mm
             stops.append(Stop(target_id=target.id, spindle_in_machine_mm=np.round(position, 3)))

@@ -165,8 +165,10 @@ class SimulatedControl:
         positions = _rounded(
             self._followed(time_ns, self._servo), self._machine.position_resolution_mm
         )
-        waiting = current is not None and isinstance(current.step, AskForImage) and (
-            current.end_ns is None or time_ns < current.end_ns
+        waiting = (
+            current is not None
+            and isinstance(current.step, AskForImage)
+            and (current.end_ns is None or time_ns < current.end_ns)
         )
         return ControlState(
             stamp_ns=time_ns,
@@ -178,13 +180,19 @@ class SimulatedControl:
             program_line=current.step.line if current else 0,
             program_text=current.step.text if current else "",
             measure_request=next(
-                (b.step.request for b in reversed(self._begun)
-                 if isinstance(b.step, AskForImage) and b.start_ns <= time_ns),
+                (
+                    b.step.request
+                    for b in reversed(self._begun)
+                    if isinstance(b.step, AskForImage) and b.start_ns <= time_ns
+                ),
                 0,
             ),
             measure_acknowledged=next(
-                (request for when_ns, request in reversed(self._acknowledged)
-                 if when_ns <= time_ns),
+                (
+                    request
+                    for when_ns, request in reversed(self._acknowledged)
+                    if when_ns <= time_ns
+                ),
                 0,
             ),
             measure_requested=waiting,
@@ -287,9 +295,7 @@ class SimulatedControl:
     def _pose(self, positions_mm: Floats) -> RigidTransform:
         return RigidTransform(rotation=self._machine_R_spindle, translation_mm=positions_mm)
 
-    def _program_state(
-        self, current: _Begun | None, time_ns: int, waiting: bool
-    ) -> ProgramState:
+    def _program_state(self, current: _Begun | None, time_ns: int, waiting: bool) -> ProgramState:
         if current is None:
             return ProgramState.STOPPED
         if waiting:

@@ -58,9 +58,7 @@ def _positive(reflectance: NDArray[np.float32]) -> NDArray[np.float32]:
     return (kept / kept.mean()).astype(np.float32)
 
 
-def _noise(
-    rng: np.random.Generator, *, sigma_px: tuple[float, float]
-) -> NDArray[np.float32]:
+def _noise(rng: np.random.Generator, *, sigma_px: tuple[float, float]) -> NDArray[np.float32]:
     """Periodic Gaussian noise, smooth over so many pixels in x and y."""
     white = rng.standard_normal((TILE_PX, TILE_PX), dtype=np.float32)
     along_x, along_y = (
@@ -165,12 +163,16 @@ def render_plate(  # type: ignore[no-untyped-def]
             l0 = np.float32((1.0 - f) * light[j, i] + f * light[j + 1, i]) * mean_dn
             l1 = np.float32((1.0 - f) * light[j, i + 1] + f * light[j + 1, i + 1]) * mean_dn
             dl = (l1 - l0) / np.float32(GRID_STEP_PX)
-            ca, cb = np.int64(u0 / COARSE_MM_PER_PX * fixed) + offset, np.int64(
-                v0 / COARSE_MM_PER_PX * fixed) + offset
+            ca, cb = (
+                np.int64(u0 / COARSE_MM_PER_PX * fixed) + offset,
+                np.int64(v0 / COARSE_MM_PER_PX * fixed) + offset,
+            )
             dca = np.int64((u1 - u0) / (COARSE_MM_PER_PX * GRID_STEP_PX) * fixed)
             dcb = np.int64((v1 - v0) / (COARSE_MM_PER_PX * GRID_STEP_PX) * fixed)
-            fa, fb = np.int64(u0 / FINE_MM_PER_PX * fixed) + offset, np.int64(
-                v0 / FINE_MM_PER_PX * fixed) + offset
+            fa, fb = (
+                np.int64(u0 / FINE_MM_PER_PX * fixed) + offset,
+                np.int64(v0 / FINE_MM_PER_PX * fixed) + offset,
+            )
             dfa = np.int64((u1 - u0) / (FINE_MM_PER_PX * GRID_STEP_PX) * fixed)
             dfb = np.int64((v1 - v0) / (FINE_MM_PER_PX * GRID_STEP_PX) * fixed)
             first = i * GRID_STEP_PX

@@ -68,12 +68,14 @@ class Profile:
 
 def _advance(state: Floats, jerk: float, time_s: float) -> Floats:
     position, velocity, acceleration = state
-    return np.array([
-        position + time_s * (velocity + time_s * (acceleration / 2 + time_s * jerk / 6)),
-        velocity + time_s * (acceleration + time_s * jerk / 2),
-        acceleration + time_s * jerk,
-        jerk,
-    ])
+    return np.array(
+        [
+            position + time_s * (velocity + time_s * (acceleration / 2 + time_s * jerk / 6)),
+            velocity + time_s * (acceleration + time_s * jerk / 2),
+            acceleration + time_s * jerk,
+            jerk,
+        ]
+    )
 
 
 def rest_to_rest(*, velocity: float, acceleration: float, jerk: float) -> Profile:

@@ -76,9 +76,7 @@ def measuring_program(cell: Cell, repetitions: int = 1) -> tuple[Step, ...]:
             move_to(stop.spindle_in_machine_mm)
             steps.append(Dwell(line=next_line(), duration_s=program.dwell_s))
             request += 1
-            steps.append(
-                AskForImage(line=next_line(), request=request, target_id=stop.target_id)
-            )
+            steps.append(AskForImage(line=next_line(), request=request, target_id=stop.target_id))
             steps.append(Dwell(line=next_line(), duration_s=program.rest_after_s))
     return tuple(steps)
 

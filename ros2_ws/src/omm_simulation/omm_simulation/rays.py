@@ -29,9 +29,7 @@ def lens_numbers(lens: Lens) -> LensNumbers:
         return np.array([_BROWN, focal_px, focal_px, col, row, *distortion])
     if isinstance(lens, PlumbBob):
         distortion = [lens.k1, lens.k2, lens.k3, lens.p1, lens.p2]
-        return np.array([
-            _PLUMB_BOB, lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px, *distortion
-        ])
+        return np.array([_PLUMB_BOB, lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px, *distortion])
     raise InputError(f"Expected a Brown or plumb_bob lens, got {type(lens).__name__}.")
 
 

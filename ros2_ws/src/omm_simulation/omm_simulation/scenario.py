@@ -214,9 +214,7 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
     root = read_yaml(path, "scenario file")
     part_file = path.parent / root.text("part_file")
     calibration_file = path.parent / root.text("calibration_file")
-    sections = {
-        name: _read(cls, root.section(name)) for name, cls in _SECTIONS.items()
-    }
+    sections = {name: _read(cls, root.section(name)) for name, cls in _SECTIONS.items()}
     return Scenario(
         name=root.text("name"),
         description=root.text("description"),
@@ -257,11 +255,13 @@ def _read(cls: type[_T], section: YamlSection) -> _T:
             f"{section.where}: expected only {', '.join(fields)}, got {', '.join(unknown)}."
         )
     hints = typing.get_type_hints(cls)
-    return cls(**{
-        name: _value(hints[name], section, name)
-        for name, f in fields.items()
-        if name in section or f.default is dataclasses.MISSING
-    })
+    return cls(
+        **{
+            name: _value(hints[name], section, name)
+            for name, f in fields.items()
+            if name in section or f.default is dataclasses.MISSING
+        }
+    )
 
 
 def _value(hint: Any, section: YamlSection, name: str) -> Any:

@@ -71,9 +71,12 @@ def scene_of(cell: Cell) -> Scene:
     rng = random_stream(cell.seed, "scene")
     imaging = cell.scenario.imaging
     family = TargetFamily.by_name(cell.true_part.target_family)
-    towards_camera = cell.machine_T_part.rotation.T @ RigidTransform.from_euler_xyz_rad(
-        *cell.scenario.machine.spindle_euler_xyz_rad
-    ).rotation[:, 2]
+    towards_camera = (
+        cell.machine_T_part.rotation.T
+        @ RigidTransform.from_euler_xyz_rad(*cell.scenario.machine.spindle_euler_xyz_rad).rotation[
+            :, 2
+        ]
+    )
     normals = _normals(cell.true_part, towards_camera)
     part_T_plate = RigidTransform(
         rotation=_axes(_plate_normal(cell.true_part, normals), 0.0),

@@ -66,9 +66,7 @@ def projected_dot(cell, k):
     outline = cell.scenario.calibration.lens.project(camera_T_target(cell, k) @ circle)
     x, y = (outline - outline[0]).T
     cross = x * np.roll(y, -1) - np.roll(x, -1) * y
-    centroid = [
-        np.sum((c + np.roll(c, -1)) * cross) / (3 * np.sum(cross)) for c in (x, y)
-    ]
+    centroid = [np.sum((c + np.roll(c, -1)) * cross) / (3 * np.sum(cross)) for c in (x, y)]
     return outline[0] + centroid, outline.min(axis=0), outline.max(axis=0)
 
 
@@ -216,9 +214,7 @@ def test_a_resting_spindle_makes_a_sharp_image_and_a_moving_one_smears(cell, cam
 
     def moving(time_ns):
         shift = np.array([speed_mm_per_s * time_ns * 1e-9, 0.0, 0.0])
-        return RigidTransform(
-            rotation=pose.rotation, translation_mm=pose.translation_mm + shift
-        )
+        return RigidTransform(rotation=pose.rotation, translation_mm=pose.translation_mm + shift)
 
     poses = camera.exposure_poses(moving, 0)
     assert len(poses) > 3

@@ -82,7 +82,8 @@ def test_the_estimator_is_given_the_part_and_the_camera_and_nothing_else(tmp_pat
     assert [t.id for t in told.targets] == [t.id for t in cell.scenario.part.targets]
     # The bump is known to nobody.
     moved = {
-        t.id for t, true in zip(told.targets, cell.true_part.targets)
+        t.id
+        for t, true in zip(told.targets, cell.true_part.targets)
         if np.any(t.xyz_mm != true.xyz_mm)
     }
     assert moved == {40}

@@ -174,9 +174,7 @@ def test_the_stops_are_gone_through_as_often_as_told():
 
 def with_machine(cell, **changes):
     machine = dataclasses.replace(cell.scenario.machine, **changes)
-    return dataclasses.replace(
-        cell, scenario=dataclasses.replace(cell.scenario, machine=machine)
-    )
+    return dataclasses.replace(cell, scenario=dataclasses.replace(cell.scenario, machine=machine))
 
 
 def test_positions_are_reported_in_steps_of_the_resolution():
