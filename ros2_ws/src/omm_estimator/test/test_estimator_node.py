@@ -47,10 +47,12 @@ class Bench:
             PoseWithCovarianceStamped, "/omm/part_pose", self.poses.append, qos.LATCHED
         )
 
-    def until(self, condition: Callable[[], bool], what: str) -> None:
+    def until(
+        self, condition: Callable[[], bool], what: str, came: Callable[[], object] = str
+    ) -> None:
         deadline = time.monotonic() + WAIT_S
         while not condition():
-            assert time.monotonic() < deadline, f"waited {WAIT_S} s for {what}"
+            assert time.monotonic() < deadline, f"waited {WAIT_S} s for {what}; came: {came()}"
             self.executor.spin_once(timeout_sec=0.05)
 
     def publish(self, message: object) -> None:
@@ -75,6 +77,7 @@ class Bench:
                 and self.estimates[-1].images_pending == 0
             ),
             f"{images} settled images",
+            lambda: [(len(e.images), e.images_pending) for e in self.estimates],
         )
         return self.estimates[-1]
 
@@ -117,6 +120,7 @@ def bench(tmp_path: Path, cell: Cell, monkeypatch: pytest.MonkeyPatch) -> Iterat
                 ),
                 "its subscriptions",
             )
+            time.sleep(0.5)  # connected on our side; it has yet to hear of our publishers
             yield bench
         finally:
             process.send_signal(signal.SIGINT)
