@@ -22,8 +22,14 @@ sys.path[:0] = [
 from core_cells import bench_cell, random_cell  # noqa: E402
 
 from omm_core.estimation import SolveOptions, build_problem, solve  # noqa: E402
-from omm_core.estimation.adjustment import Adjustment, adjust, refine  # noqa: E402
-from omm_core.estimation.kernels import gauss_newton  # noqa: E402
+from omm_core.estimation.adjustment import (  # noqa: E402
+    MAX_ITERATIONS,
+    TOLERANCE_SIGMA,
+    Adjustment,
+    adjust,
+    refine,
+)
+from omm_core.estimation.kernels import gauss_newton, inverse  # noqa: E402
 from omm_core.estimation.monte_carlo import solve_each  # noqa: E402
 from omm_core.geometry import holder_rotation, rotation_from_euler_xyz_rad  # noqa: E402
 
@@ -169,8 +175,8 @@ def gauss_newton_of(problem, *, circles):
     def run():
         R, d0 = np.eye(3), problem.X0_mm.copy()
         gamma, N = np.zeros(1), np.empty((7, 7))
-        gauss_newton(*arguments, 7, 60, 1e-6, R, d0, gamma, N)
-        return R, d0, gamma, np.linalg.inv(N)
+        gauss_newton(*arguments, 7, MAX_ITERATIONS, TOLERANCE_SIGMA, R, d0, gamma, N)
+        return R, d0, gamma, inverse(N)
 
     return run
 

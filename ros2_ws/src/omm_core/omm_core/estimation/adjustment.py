@@ -15,7 +15,7 @@ from omm_core.geometry import euler_xyz_rad_from_rotation
 Array = NDArray[np.float64]
 
 MAX_ITERATIONS = 60
-TOLERANCE_SIGMA = 1e-6
+TOLERANCE_SIGMA = 1e-5
 _VALLEY_SIGMA = 1.0  # to what the point model is solved before the circles come in
 _SCREENED = 12  # starts that are refined by the pixels
 _SAME_POSE_RAD = 1e-6

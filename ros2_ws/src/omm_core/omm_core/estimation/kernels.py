@@ -30,7 +30,10 @@ from numba import njit
 from omm_core.circle import ANGLES, BOUNDARY_POINTS, QUADRATURE_ANGLES
 
 # Divisions need no check (NaN is checked where it matters); products may be fused and reordered.
-_compiled = njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp", "nsz"})
+_FASTMATH = {"contract", "reassoc", "arcp", "nsz"}
+_compiled = njit(cache=True, error_model="numpy", fastmath=_FASTMATH)
+# What is called for every observation: an array costs nine words to hand over.
+_inlined = njit(cache=True, error_model="numpy", fastmath=_FASTMATH, forceinline=True)
 
 _COS1, _SIN1 = np.cos(ANGLES), np.sin(ANGLES)
 _COS2, _SIN2 = np.cos(2 * ANGLES), np.sin(2 * ANGLES)
@@ -38,7 +41,7 @@ _Q_COS1, _Q_SIN1 = np.cos(QUADRATURE_ANGLES), np.sin(QUADRATURE_ANGLES)
 _Q_COS2, _Q_SIN2 = np.cos(2 * QUADRATURE_ANGLES), np.sin(2 * QUADRATURE_ANGLES)
 
 
-@_compiled
+@_inlined
 def _polynomial(x, y, k1, k2, k3, p1, p2):
     """Brown's polynomial and its derivative, see lens._polynomial."""
     r2 = x * x + y * y
@@ -52,7 +55,7 @@ def _polynomial(x, y, k1, k2, k3, p1, p2):
     return value_x, value_y, xx, xy, yy
 
 
-@_compiled
+@_inlined
 def lens_pixel(lens, x, y):
     """Return (col, row) of a ray (x, y, 1), and d(col, row)/d(x, y); NaN where not seen."""
     fx, fy, k1, k2, k3, p1, p2 = lens[1], lens[2], lens[5], lens[6], lens[7], lens[8], lens[9]
@@ -67,32 +70,32 @@ def lens_pixel(lens, x, y):
     if not 0.5 < shrink < 2.0:
         shrink = 1.0
     a, b = ideal_x * shrink, ideal_y * shrink
-    xx, xy, yy = 1.0, 0.0, 1.0
+    xx, xy, yy, inverse = 1.0, 0.0, 1.0, 1.0
     found = False
     for _ in range(30):
         value_x, value_y, xx, xy, yy = _polynomial(a, b, k1, k2, k3, p1, p2)
         determinant = xx * yy - xy * xy
+        inverse = 1.0 / determinant
         error_x, error_y = ideal_x - value_x, ideal_y - value_y
-        step_x = (yy * error_x - xy * error_y) / determinant
-        step_y = (xx * error_y - xy * error_x) / determinant
+        step_x = (yy * error_x - xy * error_y) * inverse
+        step_y = (xx * error_y - xy * error_x) * inverse
         a += step_x
         b += step_y
-        if abs(step_x) + abs(step_y) < 1e-7:
-            # Newton squares its error: what is left is below 1e-14 px. The derivative is of
-            # 1e-7 px beside, which changes it by 1e-11.
+        if abs(step_x) + abs(step_y) < 1e-5:
+            # Newton squares its error: what is left is below 1e-12 px. The derivative is of
+            # 1e-5 px beside, which changes it by 1e-9.
             found = determinant > 0.0 and xx + yy > 0.0
             break
     if not found:
         a = np.nan
-    inverse = 1.0 / (xx * yy - xy * xy)
     return (
         a + lens[3], b + lens[4],
         fx * yy * inverse, -fy * xy * inverse, -fx * xy * inverse, fy * xx * inverse,
     )  # fmt: skip
 
 
-@_compiled
-def set_camera(R_calib, d_calib, R_cnc, d_cnc, gamma_s, A, b, dA, db):
+@_inlined
+def set_camera(R_calib, d_calib, R_cnc, d_cnc, image, gamma_s, A, b, dA, db):
     """Fill ``p_in_camera = A X_M + b`` of one image, and its derivative by γ_s: dA X_M + db.
 
     ``p = R_calibᵀ (R_sᵀ R_CNCᵀ (X_M - d_CNC) - d_calib)`` is eq. 4 with eq. 21 put in; only R_s
@@ -104,12 +107,12 @@ def set_camera(R_calib, d_calib, R_cnc, d_cnc, gamma_s, A, b, dA, db):
         db[i] = 0.0
         for j in range(3):
             # q = R_CNCᵀ (X_M - d_CNC); R_sᵀ q = (c q_x - s q_y, s q_x + c q_y, q_z)
-            q_x, q_y, q_z = R_cnc[j, 0], R_cnc[j, 1], R_cnc[j, 2]
+            q_x, q_y, q_z = R_cnc[image, j, 0], R_cnc[image, j, 1], R_cnc[image, j, 2]
             t_x, t_y = c * q_x - s * q_y, s * q_x + c * q_y
             A[i, j] = R_calib[0, i] * t_x + R_calib[1, i] * t_y + R_calib[2, i] * q_z
             dA[i, j] = -R_calib[0, i] * t_y + R_calib[1, i] * t_x
-            b[i] -= A[i, j] * d_cnc[j] + R_calib[j, i] * d_calib[j]
-            db[i] -= dA[i, j] * d_cnc[j]
+            b[i] -= A[i, j] * d_cnc[image, j] + R_calib[j, i] * d_calib[j]
+            db[i] -= dA[i, j] * d_cnc[image, j]
 
 
 @_compiled
@@ -157,12 +160,13 @@ def set_outline_weights(outline, kind, weights):
         weights[k, 1, 1] = n * (1.0 + c2 * a11 + s2 * b11)
 
 
-@_compiled
-def predict_point(lens, A, b, dA, db, X, R, d0, J):
+@_inlined
+def predict_point(lens, A, b, dA, db, points, t, R, d0, J):
     """Return (col, row) of a point, and fill J (2, 7): the paper's model, without circles."""
-    r0 = R[0, 0] * X[0] + R[0, 1] * X[1] + R[0, 2] * X[2]
-    r1 = R[1, 0] * X[0] + R[1, 1] * X[1] + R[1, 2] * X[2]
-    r2 = R[2, 0] * X[0] + R[2, 1] * X[1] + R[2, 2] * X[2]
+    X0, X1, X2 = points[t, 0, 0], points[t, 0, 1], points[t, 0, 2]
+    r0 = R[0, 0] * X0 + R[0, 1] * X1 + R[0, 2] * X2
+    r1 = R[1, 0] * X0 + R[1, 1] * X1 + R[1, 2] * X2
+    r2 = R[2, 0] * X0 + R[2, 1] * X1 + R[2, 2] * X2
     m0, m1, m2 = r0 + d0[0], r1 + d0[1], r2 + d0[2]
     w = A[2, 0] * m0 + A[2, 1] * m1 + A[2, 2] * m2 + b[2]
     if not w > 0.0:
@@ -192,7 +196,7 @@ def predict_point(lens, A, b, dA, db, X, R, d0, J):
     return col, row
 
 
-@_compiled
+@_inlined
 def predict(lens, kind, A, b, dA, db, points, t, R, d0, outline, by_machine, by_gamma, weights, J):
     """Return (col, row) of target t, and fill J (2, 7); NaN where the camera cannot see it.
 
@@ -201,7 +205,7 @@ def predict(lens, kind, A, b, dA, db, points, t, R, d0, outline, by_machine, by_
     """
     count = points.shape[1]
     if count == 1:
-        return predict_point(lens, A, b, dA, db, points[t, 0], R, d0, J)
+        return predict_point(lens, A, b, dA, db, points, t, R, d0, J)
     for k in range(count):
         X0, X1, X2 = points[t, k, 0], points[t, k, 1], points[t, k, 2]
         m0 = R[0, 0] * X0 + R[0, 1] * X1 + R[0, 2] * X2 + d0[0]
@@ -265,7 +269,7 @@ def predict_all(lens, kind, R_calib, d_calib, R_cnc, d_cnc, image_of, target_of,
     for n in range(image_of.size):
         if image_of[n] != last:
             last = image_of[n]
-            set_camera(R_calib, d_calib, R_cnc[last], d_cnc[last], gamma_s, A, b, dA, db)
+            set_camera(R_calib, d_calib, R_cnc, d_cnc, last, gamma_s, A, b, dA, db)
         pixels[n, 0], pixels[n, 1] = predict(
             lens, kind, A, b, dA, db, points, target_of[n], R, d0,
             outline, by_machine, by_gamma, weights, jacobians[n],
@@ -297,7 +301,7 @@ def normal_equations(lens, kind, R_calib, d_calib, R_cnc, d_cnc, image_of, targe
     for n in range(image_of.size):
         if image_of[n] != last:
             last = image_of[n]
-            set_camera(R_calib, d_calib, R_cnc[last], d_cnc[last], gamma_s, A, b, dA, db)
+            set_camera(R_calib, d_calib, R_cnc, d_cnc, last, gamma_s, A, b, dA, db)
         col, row = predict(
             lens, kind, A, b, dA, db, points, target_of[n], R, d0,
             outline, by_machine, by_gamma, weights, J,
@@ -311,11 +315,8 @@ def normal_equations(lens, kind, R_calib, d_calib, R_cnc, d_cnc, image_of, targe
         for i in range(7):
             a0, a1 = w00 * J[0, i] + w01 * J[1, i], w01 * J[0, i] + w11 * J[1, i]
             g[i] += J[0, i] * wr0 + J[1, i] * wr1
-            for j in range(i, 7):
+            for j in range(7):  # all, though N is symmetric: in whole vectors that is faster
                 N[i, j] += a0 * J[0, j] + a1 * J[1, j]
-    for i in range(7):
-        for j in range(i):
-            N[i, j] = N[j, i]
     return cost
 
 
@@ -342,36 +343,49 @@ def rotate(R, wx, wy, wz, rotated):
 
 @_compiled
 def solve_damped(N, g, size, damping, L, step):
-    """Fill step = -(N + damping diag N)⁻¹ g by Cholesky, scaled; False where not definite."""
-    for i in range(size):
-        if not N[i, i] > 0.0:
+    """Fill step = -(N + damping diag N)⁻¹ g by Cholesky; False where not definite.
+
+    L (size, size) is room to work in; it comes out with the inverse of its diagonal.
+    """
+    for j in range(size):
+        value = N[j, j] * (1.0 + damping)
+        for k in range(j):
+            value -= L[j, k] * L[j, k]
+        if not value > 1e-15 * N[j, j]:
             return False
-    for i in range(size):
-        for j in range(i + 1):
-            value = N[i, j] / math.sqrt(N[i, i] * N[j, j])
-            if i == j:
-                value += damping
+        inverse = 1.0 / math.sqrt(value)
+        L[j, j] = inverse
+        step_j = -g[j]
+        for k in range(j):
+            step_j -= L[j, k] * step[k]
+        step[j] = step_j * inverse
+        for i in range(j + 1, size):
+            value = N[i, j]
             for k in range(j):
                 value -= L[i, k] * L[j, k]
-            if i == j:
-                if not value > 1e-15:
-                    return False
-                L[i, i] = math.sqrt(value)
-            else:
-                L[i, j] = value / L[j, j]
-    for i in range(size):
-        value = -g[i] / math.sqrt(N[i, i])
-        for k in range(i):
-            value -= L[i, k] * step[k]
-        step[i] = value / L[i, i]
+            L[i, j] = value * inverse
     for i in range(size - 1, -1, -1):
-        value = step[i]
-        for k in range(i + 1, size):
-            value -= L[k, i] * step[k]
-        step[i] = value / L[i, i]
-    for i in range(size):
-        step[i] /= math.sqrt(N[i, i])
+        value = step[i] * L[i, i]
+        step[i] = value
+        for k in range(i):
+            step[k] -= L[i, k] * value
     return True
+
+
+@_compiled
+def inverse(N):
+    """Return the inverse of a positive definite matrix (u, u), symmetric; NaN where it is not."""
+    u = N.shape[0]
+    L, unit, column, inverted = np.empty((u, u)), np.zeros(u), np.zeros(u), np.empty((u, u))
+    for j in range(u):
+        unit[j] = -1.0
+        if not solve_damped(N, unit, u, 0.0, L, column):
+            inverted[:, :] = np.nan
+            return inverted
+        unit[j] = 0.0
+        for i in range(j + 1):
+            inverted[i, j] = inverted[j, i] = column[i]
+    return inverted
 
 
 @_compiled

@@ -69,7 +69,7 @@ def _quadratic(rays, R_calib, d_calib, R_cnc, d_cnc, image_of, X, gamma_s, M, m,
     for n in range(image_of.size):
         if image_of[n] != last:
             last = image_of[n]
-            set_camera(R_calib, d_calib, R_cnc[last], d_cnc[last], gamma_s, A, b, dA, db)
+            set_camera(R_calib, d_calib, R_cnc, d_cnc, last, gamma_s, A, b, dA, db)
         for i in range(3):
             v[i] = A[0, i] * rays[n, 0] + A[1, i] * rays[n, 1] + A[2, i] * rays[n, 2]
             o[i] = -(A[0, i] * b[0] + A[1, i] * b[1] + A[2, i] * b[2])

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.estimation.adjustment import Adjustment, predictions
-from omm_core.estimation.kernels import predict_all, rotate
+from omm_core.estimation.kernels import inverse, predict_all, rotate
 from omm_core.estimation.problem import Problem, SolveOptions
 
 Array = NDArray[np.float64]
@@ -124,11 +124,10 @@ def _invert(design: Array, u: int) -> tuple[Array, Array]:
     from_centres = flat.T @ flat
     normal = from_centres.copy()
     normal[range(u, len(normal)), range(u, len(normal))] += 1.0
-    scale = np.sqrt(np.diag(normal))
-    if not np.all(scale > 0.0):
-        raise np.linalg.LinAlgError("an unknown has no influence on any observation")
-    inverse = np.linalg.inv(normal / np.outer(scale, scale)) / np.outer(scale, scale)
-    return from_centres, (inverse + inverse.T) / 2
+    cofactor = inverse(normal)
+    if not np.all(np.isfinite(cofactor)):
+        raise np.linalg.LinAlgError("the observations do not determine all unknowns")
+    return from_centres, cofactor
 
 
 def _moved(adjustment: Adjustment, step: Array) -> Adjustment:
