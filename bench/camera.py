@@ -3,8 +3,8 @@
     ./omm exec python bench/camera.py [--driver gige] [--rate 15] [--seconds 60] [--loaded]
 
 A simulated GigE camera (5 MB an image) sends on loopback, the camera node publishes, this process
-subscribes. With `--loaded`, estimator and recorder run beside. Latency is from publishing (when the
-node had the image) to the subscriber; CPU time is of the camera node's process.
+subscribes. With `--loaded`, estimator and recorder run beside. CPU time is of the camera node's
+process.
 """
 
 import argparse
@@ -32,6 +32,8 @@ from sensor_msgs.msg import Image  # noqa: E402
 from omm_camera_driver.gige_simulator import GigeSimulator  # noqa: E402
 from omm_ros import qos  # noqa: E402
 from omm_ros.conversions import stamp_ns  # noqa: E402
+from omm_simulation.cell import draw  # noqa: E402
+from omm_simulation.offline import run  # noqa: E402
 from omm_simulation.scenario import load_scenario  # noqa: E402
 
 WIDTH, HEIGHT = 2592, 1944
@@ -64,7 +66,7 @@ def main() -> int:
 
 def serve() -> int:
     """The camera: an image that is there already, so that what is measured is not its making."""
-    image = np.random.default_rng(1).integers(0, 60, (HEIGHT, WIDTH), dtype=np.uint8)
+    image = next(m.image for m in run(draw(load_scenario("bench"), 1)) if hasattr(m, "image"))
     simulator = GigeSimulator(lambda begin_ns, exposure_ns, bits: image, WIDTH, HEIGHT)
     print("ready", flush=True)
     try:
@@ -105,14 +107,15 @@ class Subscriber(Node):
 
     def __init__(self) -> None:
         super().__init__("bench")
-        self.arrivals: list[tuple[int, int]] = []
+        self.arrivals: list[tuple[int, int, int]] = []  # exposed, published, here
         self.health: dict[str, str] = {}
         self.received_at_health = 0
         self.create_subscription(Image, "/camera/image_raw", self._on_image, qos.IMAGE)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
 
-    def _on_image(self, message: Image) -> None:
-        self.arrivals.append((stamp_ns(message.header.stamp), time.time_ns()))
+    def _on_image(self, message: Image, info: dict[str, int]) -> None:
+        stamp = stamp_ns(message.header.stamp)
+        self.arrivals.append((stamp, info["source_timestamp"], time.time_ns()))
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -145,18 +148,19 @@ def measure(args: argparse.Namespace, pid: int) -> dict[str, object]:
     health = settled_health(node)
     arrivals = np.array(node.arrivals[first : node.received_at_health])
     rclpy.shutdown()
-    late_ms = (arrivals[:, 1] - arrivals[:, 0]) / 1e6
+    since_exposed_ms, since_published_ms = (arrivals[:, 2:] - arrivals[:, :2]).T / 1e6
     return {
         "rate_asked_hz": args.rate,
         "loaded": args.loaded,
         "seconds": round(elapsed_s, 1),
         "images": len(arrivals),
-        "images_per_s": round(1e9 * (len(arrivals) - 1) / np.ptp(arrivals[:, 1]), 2),
+        "images_per_s": round(1e9 * (len(arrivals) - 1) / np.ptp(arrivals[:, 2]), 2),
         # One or two are on their way when the node is asked.
         "published_and_not_received": int(health["published"]) - published - len(arrivals),
         "incomplete_at_the_camera": int(health["incomplete"]),
         "missing_at_the_camera": int(health["missing"]),
-        "middle_of_exposure_to_subscriber_ms": percentiles(late_ms),
+        "published_to_subscriber_ms": percentiles(since_published_ms),
+        "middle_of_exposure_to_subscriber_ms": percentiles(since_exposed_ms),
         "camera_node_cpu_ms_per_image": round(1e3 * used_s / len(arrivals), 2),
     }
 

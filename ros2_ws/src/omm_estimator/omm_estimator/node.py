@@ -22,6 +22,7 @@ from omm_core.errors import InputError, OmmError
 from omm_core.measurement import Measurement
 from omm_core.part import load_part
 from omm_core.result import MeasurementResult
+from omm_core.warm_up import warm_up_detection, warm_up_estimation
 from omm_estimator import conversions
 from omm_estimator.parameters import Parameters
 from omm_ros import qos
@@ -62,8 +63,10 @@ class EstimatorNode(LifecycleNode):
 
     @transition
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Read part and calibration; images that come before activation are not taken."""
+        """Read part and calibration, load the kernels; images before activation are not taken."""
         self._begin(self._p.part_file)
+        warm_up_detection()
+        warm_up_estimation()
         images, poses = MutuallyExclusiveCallbackGroup(), MutuallyExclusiveCallbackGroup()
         self._inputs = [
             self.create_subscription(
@@ -232,4 +235,4 @@ class EstimatorNode(LifecycleNode):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return run_node(EstimatorNode, args, threads=3)
+    return run_node(EstimatorNode, args, threads=3, niceness=5)

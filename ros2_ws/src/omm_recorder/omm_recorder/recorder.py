@@ -18,6 +18,7 @@ from omm_recorder.counting import TopicTally
 from omm_recorder.writing import RecordingWriter, TopicToRecord
 
 FLUSH_PERIOD_S = 0.25
+WRITING_NICENESS = 10
 WATCH_PERIOD_S = 1.0
 STOPPED = "stopped"
 
@@ -183,6 +184,9 @@ class Recorder:
             self._queue_bytes -= size
 
     def _run(self) -> None:
+        # Messages wait in the queue; what must be in time on this machine goes first. On Linux
+        # this is of the thread, not of the process.
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), WRITING_NICENESS)
         reason = STOPPED
         try:
             reason = self._write_until_stopped()

@@ -17,6 +17,7 @@ from omm_core.calibration import CameraCalibration, load_calibration
 from omm_core.errors import InputError
 from omm_core.measurement import Measurement
 from omm_core.part import Part, load_part
+from omm_core.warm_up import warm_up_estimation
 from omm_recorder.decoding import (
     IMAGE_TYPE,
     POSE_TYPE,
@@ -142,6 +143,7 @@ class _Feeder:
         """
         options = self._options
         with ThreadPoolExecutor(self._threads) as pool:
+            solver_loaded = pool.submit(warm_up_estimation)
             for message in recording.messages([options.image_topic, options.pose_topic]):
                 content = recording.decode(message)
                 stamp = stamp_ns(content)
@@ -151,6 +153,7 @@ class _Feeder:
                     self._take_image(stamp, content, pool)
             while self._waiting:
                 self._take_found()
+            solver_loaded.result()
         self._check()
 
     def _take_pose(self, stamp: int, pose: Any) -> None:

@@ -1,5 +1,6 @@
 """The `main` of every omm node: start, spin, end cleanly."""
 
+import os
 import sys
 from collections.abc import Callable
 
@@ -19,18 +20,24 @@ AUTOSTART = "autostart"
 
 
 def run_node(
-    make: Callable[[], Node], arguments: list[str] | None = None, *, threads: int = 2
+    make: Callable[[], Node],
+    arguments: list[str] | None = None,
+    *,
+    threads: int = 2,
+    niceness: int = 0,
 ) -> int:
     """Run one node until it is told to end (Ctrl-C, SIGTERM, shutdown of the context).
 
     A lifecycle node configures and activates itself unless its parameter `autostart` is false,
-    so that `ros2 run` works without a manager.
+    so that `ros2 run` works without a manager. A node that computes gives way to those that must
+    be in time (camera, control) by its niceness.
 
     Returns
     -------
     0 after a clean end, 1 when the node failed, 2 when its parameters cannot be used.
     """
     transport.prepare()
+    os.nice(niceness)
     rclpy.init(args=arguments)
     node = None
     executor = None
