@@ -58,7 +58,7 @@ class RecorderNode(Node):
         for name, data in files.items():
             self._attach(name, data)
         for topic in KNOWN:
-            self._listen(topic.name, topic.type_name, topic.qos)
+            self._listen(topic.name, topic.type_name, topic.qos, shared=topic.shared)
         self._snapshot = ParameterSnapshot(self, self._take_parameters)
         self._looking = self.create_timer(LOOK_PERIOD_S, self._look)
         diagnostics = Diagnostics(self)
@@ -125,7 +125,7 @@ class RecorderNode(Node):
         self._attached.add(name)
         self.recorder.add_file(name, data)
 
-    def _listen(self, name: str, type_name: str, qos: TopicQos) -> None:
+    def _listen(self, name: str, type_name: str, qos: TopicQos, *, shared: bool = False) -> None:
         """Subscribe, or subscribe anew where the publishers offer something else."""
         if name in self._heard:
             self.destroy_subscription(self._heard[name][1])
@@ -137,7 +137,8 @@ class RecorderNode(Node):
                     definition=definition(type_name),
                     type_hash=type_hash(type_name),
                     qos=qos,
-                )
+                ),
+                shared=shared,
             )
         subscription = self.create_subscription(
             message_class(type_name),
@@ -174,9 +175,9 @@ class RecorderNode(Node):
         try:
             if len(types) != 1:
                 raise InputError(f"{name} has several types: {', '.join(types)}.")
-            self._listen(
-                name, types[0], adapted(TopicQos(depth=1000, latched=True), self._offers(name))
-            )
+            offers = self._offers(name)
+            qos = adapted(TopicQos(depth=1000, latched=True), offers)
+            self._listen(name, types[0], qos, shared=len(offers) > 1)
         except InputError as error:
             self._unknown.add(name)
             self.get_logger().error(f"{name} is not recorded. {error}")

@@ -95,9 +95,9 @@ class Recorder:
         self._thread = threading.Thread(target=self._run, name="recorder")
         self._thread.start()
 
-    def add_topic(self, topic: TopicToRecord) -> None:
-        """Announce a topic before its first message."""
-        self._tallies[topic.name] = TopicTally()
+    def add_topic(self, topic: TopicToRecord, *, shared: bool = False) -> None:
+        """Announce a topic before its first message; `shared` by several publishers."""
+        self._tallies[topic.name] = TopicTally(missing=None if shared else 0)
         self._enqueue(0, lambda writer: writer.add_topic(topic))
 
     def add_file(self, name: str, data: bytes) -> None:

@@ -8,7 +8,7 @@ from omm_recorder.rosbag2_format import TopicQos
 _IMAGE = TopicQos(depth=20)
 _STREAM = TopicQos(depth=1000)
 _STATE = TopicQos(depth=100)
-_LATCHED = TopicQos(depth=1, latched=True)
+_LATCHED = TopicQos(depth=100, latched=True)
 _LOG = TopicQos(depth=1000, latched=True)  # what was said before the recorder came, too
 
 
@@ -19,6 +19,8 @@ class KnownTopic:
     name: str
     type_name: str
     qos: TopicQos
+    shared: bool = False
+    """Whether several nodes publish it, so that their numbers cannot be told apart."""
 
 
 KNOWN = (
@@ -35,12 +37,20 @@ KNOWN = (
         type_name="geometry_msgs/msg/PoseWithCovarianceStamped",
         qos=_LATCHED,
     ),
-    KnownTopic(name="/tf", type_name="tf2_msgs/msg/TFMessage", qos=_STREAM),
-    KnownTopic(name="/tf_static", type_name="tf2_msgs/msg/TFMessage", qos=_LATCHED),
-    KnownTopic(name="/diagnostics", type_name="diagnostic_msgs/msg/DiagnosticArray", qos=_STATE),
-    KnownTopic(name="/rosout", type_name="rcl_interfaces/msg/Log", qos=_LOG),
+    KnownTopic(name="/tf", type_name="tf2_msgs/msg/TFMessage", qos=_STREAM, shared=True),
+    KnownTopic(name="/tf_static", type_name="tf2_msgs/msg/TFMessage", qos=_LATCHED, shared=True),
     KnownTopic(
-        name="/parameter_events", type_name="rcl_interfaces/msg/ParameterEvent", qos=_STREAM
+        name="/diagnostics",
+        type_name="diagnostic_msgs/msg/DiagnosticArray",
+        qos=_STATE,
+        shared=True,
+    ),
+    KnownTopic(name="/rosout", type_name="rcl_interfaces/msg/Log", qos=_LOG, shared=True),
+    KnownTopic(
+        name="/parameter_events",
+        type_name="rcl_interfaces/msg/ParameterEvent",
+        qos=_STREAM,
+        shared=True,
     ),
 )
 
