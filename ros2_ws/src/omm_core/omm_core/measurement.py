@@ -91,6 +91,10 @@ class Measurement:
         """Add where the spindle was at a time; in any order."""
         self._poses.add(stamp_ns, machine_T_spindle)
 
+    def forget_poses(self, before_ns: int) -> None:
+        """Drop the poses before a time that no image is judged by: a node may run for weeks."""
+        self._poses.forget(before_ns, self._images)
+
     def add_image(self, stamp_ns: int, image: NDArray[np.uint8] | NDArray[np.uint16]) -> Detection:
         """Find the targets in an image (H, W) and add them.
 

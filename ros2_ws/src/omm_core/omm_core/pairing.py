@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
+from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import compress, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,6 +94,16 @@ class PoseTrack:
             self._rows.insert(index, row)
         elif row not in _split(self._rows[index]):
             self._rows[index] = b"".join(sorted([*_split(self._rows[index]), row]))
+
+    def forget(self, before_ns: int, around_ns: Iterable[int]) -> None:
+        """Drop the samples before a time, but for those by which images are judged."""
+        reach = self._options.window_ns + self._options.gap_ns
+        kept = np.array(self._stamps) >= before_ns
+        for stamp_ns in around_ns:
+            first = bisect_left(self._stamps, stamp_ns - reach)
+            kept[max(first - 1, 0) : bisect_right(self._stamps, stamp_ns + reach) + 1] = True
+        self._stamps = list(compress(self._stamps, kept))
+        self._rows = list(compress(self._rows, kept))
 
     def judge(self, stamp_ns: int) -> Judgement:
         """Return the pose of the spindle at a stamp, or why it is not known."""

@@ -112,3 +112,22 @@ def test_50_hz_with_one_sample_lost_is_enough():
 def test_options_that_mean_nothing_are_refused():
     with pytest.raises(InputError, match="gap_ns"):
         PairingOptions(gap_ns=0)
+
+
+def test_forgetting_changes_no_judgement_of_the_images_it_was_told():
+    given = samples(lambda ms: 100.0 + 0.001 * np.sin(ms), start=-20_000, stop=20_000)
+    images = [-15_000 * MS, IMAGE, IMAGE + 3 * MS]
+    track = PoseTrack()
+    for stamp_ns, transform in given:
+        track.add(stamp_ns, transform)
+    before = [track.judge(stamp_ns) for stamp_ns in images]
+    track.forget(15_000 * MS, images)
+    assert len(track) < 600
+    for stamp_ns, judgement in zip(images, before):
+        again = track.judge(stamp_ns)
+        assert again.pending == judgement.pending
+        assert np.array_equal(
+            again.machine_T_spindle.translation_mm, judgement.machine_T_spindle.translation_mm
+        )
+    assert track.judge(-5_000 * MS).machine_T_spindle is None
+    assert track.judge(16_000 * MS).machine_T_spindle is not None

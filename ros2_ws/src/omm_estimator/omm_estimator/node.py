@@ -33,6 +33,8 @@ from omm_ros.node_main import run_node
 from omm_ros.parameters import declare, watch
 
 _SETTLE_PERIOD_S = 0.02
+_POSES_BETWEEN_FORGETTING = 50_000
+_REMEMBERED_NS = 600_000_000_000  # poses of ten minutes, for images that come late
 
 
 class EstimatorNode(LifecycleNode):
@@ -45,7 +47,7 @@ class EstimatorNode(LifecycleNode):
         self._lock = threading.Lock()  # around the measurement
         self._measurement: Measurement | None = None
         self._pending = 0
-        self._bad_poses = 0
+        self._poses = self._bad_poses = 0
         self._last: MeasurementResult | None = None
         self._active = False
         self._estimate = self.create_publisher(PartEstimate, "/omm/estimate", qos.LATCHED)
@@ -116,9 +118,14 @@ class EstimatorNode(LifecycleNode):
             self._bad_poses += 1
             self.get_logger().warning(f"spindle pose: {error}", throttle_duration_sec=5.0)
             return
+        stamp = stamp_ns(message.header.stamp)
         with self._lock:
-            if self._measurement is not None:
-                self._measurement.add_pose(stamp_ns(message.header.stamp), pose)
+            if self._measurement is None:
+                return
+            self._measurement.add_pose(stamp, pose)
+            self._poses += 1
+            if self._poses % _POSES_BETWEEN_FORGETTING == 0:
+                self._measurement.forget_poses(stamp - _REMEMBERED_NS)
 
     def _on_image(self, message: Image) -> None:
         measurement = self._measurement

@@ -94,19 +94,15 @@ def _most_likely(
     problem: Problem, dropped: NDArray[np.bool_], current: Fit, options: SolveOptions
 ) -> tuple[Hypothesis, Fit, Hypothesis | None] | None:
     """Return the best hypothesis, the fit without it, and a rival that nobody can tell from it."""
-    explaining: list[tuple[Hypothesis, Fit]] = []
-    for hypothesis in _hypotheses(problem, dropped, current):
-        left_out = dropped | hypothesis.members
-        if left_out.sum() > max(1, int(len(problem) * _MOST_LEFT_OUT)):
-            continue
-        without = _without(problem, left_out, current, options)
-        if not without.determined or without.statistics is None:
-            continue
-        if without.statistics.degrees_of_freedom < 1:
-            continue
-        explains = without.passed if current.unseen else _explains(current, without, options)
-        if explains:
-            explaining.append((hypothesis, without))
+    tried = _fits_without(problem, dropped, current, options)
+    explaining = [
+        (hypothesis, without)
+        for hypothesis, without in tried
+        if without.determined
+        and without.statistics is not None
+        and without.statistics.degrees_of_freedom >= 1
+        and (without.passed if current.unseen else _explains(current, without, options))
+    ]
     if not explaining:
         return None
     # While another error is still in, chance is as much larger as the residuals are.
@@ -131,15 +127,28 @@ def _most_likely(
     return best, without, next(rivals, None)
 
 
-def _without(
-    problem: Problem, left_out: NDArray[np.bool_], current: Fit, options: SolveOptions
-) -> Fit:
-    """Return the fit without some: next to the current one, and from nothing if that is bad."""
-    smaller = problem.without(left_out)
-    near = fit(smaller, options, near=current.best)
-    if near.passed:
-        return near
-    return min(near, fit(smaller, options), key=lambda f: f.cost if f.determined else np.inf)
+def _fits_without(
+    problem: Problem, dropped: NDArray[np.bool_], current: Fit, options: SolveOptions
+) -> list[tuple[Hypothesis, Fit]]:
+    """Return each hypothesis with the fit without what it is about.
+
+    That is searched for next to the current fit. Where no hypothesis makes that one sound, the
+    errors may have led it to a wrong place, and all are fitted from nothing, too.
+    """
+    most = max(1, int(len(problem) * _MOST_LEFT_OUT))
+    hypotheses = [
+        hypothesis
+        for hypothesis in _hypotheses(problem, dropped, current)
+        if (dropped | hypothesis.members).sum() <= most
+    ]
+    smaller = [problem.without(dropped | hypothesis.members) for hypothesis in hypotheses]
+    fits = [fit(rest, options, near=current.best) for rest in smaller]
+    if not any(near.passed for near in fits):
+        fits = [
+            min(near, fit(rest, options), key=lambda f: f.cost if f.determined else np.inf)
+            for near, rest in zip(fits, smaller)
+        ]
+    return list(zip(hypotheses, fits))
 
 
 def _variance(found: Fit) -> float:

@@ -126,7 +126,7 @@ def _quadratic(rays, R_calib, d_calib, R_cnc, d_cnc, image_of, X, gamma_s, M, m,
     return c, True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp", "nsz"})
 def _descend(M, m, c, R):
     """Minimise the quadratic over rotations from R (Gauss-Newton, damped); return the cost."""
     r, Mr, G = np.empty(9), np.empty(9), np.zeros((9, 3))
@@ -157,15 +157,19 @@ def _descend(M, m, c, R):
                 G[k, 1], G[k, 2] = R[2, k], -R[1, k]
                 G[3 + k, 0], G[3 + k, 2] = -R[2, k], R[0, k]
                 G[6 + k, 0], G[6 + k, 1] = R[1, k], -R[0, k]
-            for a in range(3):
-                g[a] = 0.0
-                for i in range(9):
+            g[:] = 0.0
+            N[:, :] = 0.0
+            for i in range(9):
+                h0 = h1 = h2 = 0.0  # row i of M G
+                for j in range(9):
+                    h0 += M[i, j] * G[j, 0]
+                    h1 += M[i, j] * G[j, 1]
+                    h2 += M[i, j] * G[j, 2]
+                for a in range(3):
                     g[a] += G[i, a] * Mr[i]
-                for b in range(3):
-                    N[a, b] = 0.0
-                    for i in range(9):
-                        for j in range(9):
-                            N[a, b] += G[i, a] * M[i, j] * G[j, b]
+                    N[a, 0] += G[i, a] * h0
+                    N[a, 1] += G[i, a] * h1
+                    N[a, 2] += G[i, a] * h2
         else:
             damping = max(1e-3, damping * 8.0)
         if not solve_damped(N, g, 3, damping, L, step):
