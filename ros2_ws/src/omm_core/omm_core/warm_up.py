@@ -43,7 +43,7 @@ def warm_up_estimation() -> None:
         Target(id=i, xyz_mm=np.array([*xy, 0.0]), dot_diameter_mm=10.0, normal=_NORMAL)
         for i, xy in enumerate(corners, start=1)
     )
-    observations = []
+    observations: list[Observation] = []
     for target in targets:
         for side_mm in (-60.0, 60.0):
             machine_T_spindle = RigidTransform(

@@ -47,8 +47,8 @@ def machine_T_part(result: MeasurementResult) -> RigidTransform:
     return RigidTransform.from_euler_xyz_rad(alpha, beta, gamma, xyz_mm)
 
 
-def estimate_message(result: MeasurementResult) -> PartEstimate:
-    """The whole result as /omm/estimate."""
+def estimate_message(result: MeasurementResult, clamping: int) -> PartEstimate:
+    """The whole result as /omm/estimate; of which clamping since the node started."""
     solution = result.solution
     newest_ns = max((image.stamp_ns for image in result.images), default=0)
     message = PartEstimate(
@@ -66,6 +66,7 @@ def estimate_message(result: MeasurementResult) -> PartEstimate:
         images_pending=result.images_pending,
         missing=list(result.missing),
         findings=list(result.findings),
+        clamping=clamping,
     )
     message.images = [
         ImageStatus(stamp=time_from_ns(i.stamp_ns), used=i.used, reason=i.reason or "")

@@ -47,6 +47,7 @@ class EstimatorNode(LifecycleNode):
         self._lock = threading.Lock()  # around the measurement
         self._measurement: Measurement | None = None
         self._pending = 0
+        self._clamping = 0
         self._poses = self._bad_poses = 0
         self._last: MeasurementResult | None = None
         self._active = False
@@ -163,6 +164,7 @@ class EstimatorNode(LifecycleNode):
         with self._lock:
             part, calibration = self._measurement.part, self._measurement.calibration
             self._measurement = Measurement(part, calibration, self._p.measurement_options())
+            self._clamping += 1
         self._publish()
         response.success, response.message = True, f"part {part.name}: all images forgotten"
         self.get_logger().info(response.message)
@@ -173,6 +175,7 @@ class EstimatorNode(LifecycleNode):
     ) -> LoadPart.Response:
         try:
             self._begin(request.part_file)
+            self._clamping += 1
         except InputError as error:
             response.success, response.message = False, str(error)
             return response
@@ -208,7 +211,7 @@ class EstimatorNode(LifecycleNode):
             calibration = self._measurement.calibration
             self._pending, self._last = result.images_pending, result
             # Published within the lock: the last one published is the last one solved.
-            self._estimate.publish(conversions.estimate_message(result))
+            self._estimate.publish(conversions.estimate_message(result, self._clamping))
             if result.determined:
                 self._pose.publish(conversions.pose_message(result))
             frames = conversions.frame_transforms(result, calibration, self._p.part_frame)

@@ -1,92 +1,26 @@
 """The estimator as a process over DDS: it estimates, accounts for every image, and starts anew."""
 
-import os
 import signal
-import subprocess
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 import rclpy
-from ament_index_python.packages import get_package_prefix
 from domain_coordinator import domain_id
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
-from omm_interfaces.msg import PartEstimate
+from estimator_bench import Bench, start
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from omm_interfaces.srv import LoadPart
-from rclpy.node import Node
-from sensor_msgs.msg import Image
-from std_msgs.msg import Header
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from omm_ros import qos, transport
-from omm_ros.conversions import image_message, pose_from_transform, time_from_ns
+from omm_ros import transport
+from omm_ros.conversions import image_message
 from omm_simulation.cell import Cell, draw, write_estimator_files
 from omm_simulation.offline import Faults, ImageMessage, run
 from omm_simulation.scenario import load_scenario
-
-WAIT_S = 60.0
-
-
-class Bench:
-    """The other side of the estimator: publishes a run, hears what comes out."""
-
-    def __init__(self, context: rclpy.Context) -> None:
-        self.node = Node("bench", context=context)
-        self.executor = rclpy.executors.SingleThreadedExecutor(context=context)
-        self.executor.add_node(self.node)
-        self.estimates: list[PartEstimate] = []
-        self.poses: list[PoseWithCovarianceStamped] = []
-        self.image = self.node.create_publisher(Image, "/camera/image_raw", qos.IMAGE)
-        self.pose = self.node.create_publisher(PoseStamped, "/cnc/spindle_pose", qos.POSE)
-        self.node.create_subscription(
-            PartEstimate, "/omm/estimate", self.estimates.append, qos.LATCHED
-        )
-        self.node.create_subscription(
-            PoseWithCovarianceStamped, "/omm/part_pose", self.poses.append, qos.LATCHED
-        )
-
-    def until(
-        self, condition: Callable[[], bool], what: str, came: Callable[[], object] = str
-    ) -> None:
-        deadline = time.monotonic() + WAIT_S
-        while not condition():
-            assert time.monotonic() < deadline, f"waited {WAIT_S} s for {what}; came: {came()}"
-            self.executor.spin_once(timeout_sec=0.05)
-
-    def publish(self, message: object) -> None:
-        if isinstance(message, ImageMessage):
-            self.image.publish(image_message(message.image, message.stamp_ns, "camera_optical"))
-            return
-        header = Header(stamp=time_from_ns(message.stamp_ns), frame_id="machine")  # type: ignore[attr-defined]
-        pose = pose_from_transform(message.machine_T_spindle)  # type: ignore[attr-defined]
-        self.pose.publish(PoseStamped(header=header, pose=pose))
-
-    def play(self, messages: list[object], images: int) -> PartEstimate:
-        """Publish a run and wait until that many images are settled."""
-        for message in messages:
-            self.publish(message)
-            self.executor.spin_once(timeout_sec=0.0)
-            if isinstance(message, ImageMessage):
-                time.sleep(0.2)  # as fast as the estimator can follow on a loaded machine
-        self.until(
-            lambda: (
-                bool(self.estimates)
-                and len(self.estimates[-1].images) == images
-                and self.estimates[-1].images_pending == 0
-            ),
-            f"{images} settled images",
-            lambda: [(len(e.images), e.images_pending) for e in self.estimates],
-        )
-        return self.estimates[-1]
-
-    def call(self, kind: type, name: str, request: object) -> object:
-        client = self.node.create_client(kind, name)
-        self.until(client.service_is_ready, name)
-        future = client.call_async(request)
-        self.until(future.done, f"the answer of {name}")
-        return future.result()
 
 
 @pytest.fixture(scope="module")
@@ -107,20 +41,13 @@ def bench(tmp_path: Path, cell: Cell, monkeypatch: pytest.MonkeyPatch) -> Iterat
     part, calibration = write_estimator_files(cell, tmp_path)
     with domain_id() as domain:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-        process = start(part, calibration)
+        process = start("omm_estimator", part_file=part, calibration_file=calibration)
         context = rclpy.Context()
         context.init(domain_id=domain)
         bench = Bench(context)
         try:
             bench.until(lambda: bool(bench.estimates), "the estimator")
-            bench.until(
-                lambda: (
-                    bench.image.get_subscription_count() > 0
-                    and bench.pose.get_subscription_count() > 0
-                ),
-                "its subscriptions",
-            )
-            time.sleep(0.5)  # connected on our side; it has yet to hear of our publishers
+            bench.until_heard()
             yield bench
         finally:
             process.send_signal(signal.SIGINT)
@@ -129,18 +56,6 @@ def bench(tmp_path: Path, cell: Cell, monkeypatch: pytest.MonkeyPatch) -> Iterat
             context.try_shutdown()
     assert process.returncode == 0, told
     assert "Traceback" not in told, told
-
-
-def start(part: Path, calibration: Path) -> "subprocess.Popen[str]":
-    folder = Path(get_package_prefix("omm_estimator")) / "lib" / "omm_estimator"
-    arguments = ["--ros-args", "-p", f"part_file:={part}", "-p", f"calibration_file:={calibration}"]
-    return subprocess.Popen(
-        [str(folder / "estimator_node"), *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        env=os.environ.copy(),
-    )
 
 
 def test_a_run_gives_the_truth_within_its_covariance(
@@ -210,7 +125,53 @@ def test_without_its_files_it_says_so_and_ends_with_status_2(
 ) -> None:
     part, calibration = write_estimator_files(cell, tmp_path)
     files = {"part_file": part, "calibration_file": calibration, missing: tmp_path / "nowhere"}
-    process = start(files["part_file"], files["calibration_file"])
+    process = start("omm_estimator", **files)
     told, _ = process.communicate(timeout=60)
     assert process.returncode == 2, told
     assert "nowhere" in told
+
+
+def test_parameters_change_while_measuring_and_what_may_not_is_refused(
+    bench: Bench, cell: Cell, messages: list[object]
+) -> None:
+    gamma_s = bench.play(messages, images=8).theta[6]
+    given = [Parameter("gamma_s_rad", value=gamma_s), Parameter("model", value="6d")]
+    for parameter in given:
+        _set(bench, parameter, accepted=True)
+    bench.until(lambda: bench.estimates[-1].model == "6d", "an estimate of the 6d model")
+    bench.until(lambda: bench.estimates[-1].theta[6] == gamma_s, "the angle that was given")
+    assert bench.estimates[-1].determined
+    assert bench.estimates[-1].covariance[48] == 0.0
+    assert "read-only" in _set(bench, Parameter("standstill_window_s", value=0.2), accepted=False)
+    assert "7d" in _set(bench, Parameter("model", value="8d"), accepted=False)
+
+
+def _set(bench: Bench, parameter: Parameter, *, accepted: bool) -> str:
+    request = SetParameters.Request(parameters=[parameter.to_parameter_msg()])
+    (result,) = bench.call(SetParameters, "/estimator/set_parameters", request).results  # type: ignore[attr-defined]
+    assert result.successful == accepted, result.reason
+    return str(result.reason)
+
+
+def test_deactivated_it_takes_no_image_and_keeps_what_was_measured(
+    bench: Bench, messages: list[object]
+) -> None:
+    second_image = [i for i, m in enumerate(messages) if isinstance(m, ImageMessage)][1]
+    bench.play(messages[: second_image + 40], images=2)
+    _change(bench, Transition.TRANSITION_DEACTIVATE)
+    for message in messages:
+        if isinstance(message, ImageMessage):
+            bench.publish(message)
+    _change(bench, Transition.TRANSITION_ACTIVATE)
+    assert len(bench.estimates[-1].images) == 2
+    assert len(bench.play(messages[second_image + 40 :], images=8).images) == 8
+    _change(bench, Transition.TRANSITION_DEACTIVATE)
+    _change(bench, Transition.TRANSITION_CLEANUP)
+    _change(bench, Transition.TRANSITION_CONFIGURE)
+    _change(bench, Transition.TRANSITION_ACTIVATE)
+    bench.until(lambda: not bench.estimates[-1].images, "an empty estimate")
+
+
+def _change(bench: Bench, transition: int) -> None:
+    request = ChangeState.Request(transition=Transition(id=transition))
+    assert bench.call(ChangeState, "/estimator/change_state", request).success  # type: ignore[attr-defined]

@@ -86,17 +86,22 @@ def recorded_estimate(recording: Recording) -> RecordedEstimate | None:
     last: Any = None
     known: set[int] = set()
     forgotten: set[int] = set()
+    clamping = 0
     for message in recording.messages([ESTIMATE]):
         estimate = recording.decode(message)
         stamps = {i.stamp.sec * 1_000_000_000 + i.stamp.nanosec for i in estimate.images}
-        # Images are only ever added, until a new clamping begins.
-        forgotten = (forgotten | (known - stamps)) - stamps
-        known, last = stamps, estimate
+        # The number falls when the node is started again: what it then does not know of was
+        # measured all the same. Recordings of before there was a number: -1.
+        number = getattr(estimate, "clamping", -1)
+        if number > clamping or number < 0:
+            forgotten |= known - stamps
+        clamping = number
+        known, last = known | stamps, estimate
     if last is None:
         return None
     return RecordedEstimate(
         part=str(last.part),
         model=str(last.model),
         theta_si=tuple(float(value) for value in last.theta),
-        forgotten=frozenset(forgotten),
+        forgotten=frozenset(forgotten - stamps),
     )

@@ -1,0 +1,92 @@
+"""A node that dies loses nothing that was measured, and nodes may come in any order."""
+
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import rclpy
+from domain_coordinator import domain_id
+from estimator_bench import Bench, start
+
+from omm_recorder.repairing import repair
+from omm_recorder.solving import solve_run
+from omm_ros import transport
+from omm_simulation.cell import Cell, draw, write_estimator_files
+from omm_simulation.offline import ImageMessage, run
+from omm_simulation.scenario import load_scenario
+
+
+@pytest.fixture(scope="module")
+def cell() -> Cell:
+    return draw(load_scenario("bench"), 5)
+
+
+@pytest.fixture(scope="module")
+def halves(cell: Cell) -> tuple[list[object], list[object]]:
+    """A run in two parts of four images each."""
+    messages: list[object] = list(run(cell))
+    fourth = [i for i, m in enumerate(messages) if isinstance(m, ImageMessage)][3]
+    return messages[: fourth + 40], messages[fourth + 40 :]
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
+    """The machine, which was there first."""
+    transport.prepare()
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    with domain_id() as domain:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        context = rclpy.Context()
+        context.init(domain_id=domain)
+        bench = Bench(context)
+        yield bench
+        bench.node.destroy_node()
+        context.try_shutdown()
+
+
+def test_an_estimator_that_dies_is_replaced_and_the_recording_has_all(
+    bench: Bench, cell: Cell, halves: tuple[list[object], list[object]], tmp_path: Path
+) -> None:
+    part, calibration = write_estimator_files(cell, tmp_path)
+    files = {"part_file": part, "calibration_file": calibration}
+    recorder = start("omm_recorder", folder=tmp_path / "run")
+    dying = start("omm_estimator", **files)
+    bench.until_heard(2)
+    bench.play(halves[0], images=4)
+    dying.kill()
+    dying.communicate()
+    bench.estimates.clear()
+    fresh = start("omm_estimator", **files)
+    bench.until(lambda: bool(bench.estimates), "the new estimator")
+    bench.until_heard(2)
+    bench.play(halves[1], images=4)
+    for process in (fresh, recorder):
+        process.send_signal(signal.SIGINT)
+        told, _ = process.communicate(timeout=30)
+        assert process.returncode == 0, told
+    solved = solve_run(tmp_path / "run").result
+    assert len(solved.images) == 8
+    assert solved.determined
+
+
+def test_a_recorder_that_dies_leaves_what_it_had_and_disturbs_nobody(
+    bench: Bench, cell: Cell, halves: tuple[list[object], list[object]], tmp_path: Path
+) -> None:
+    part, calibration = write_estimator_files(cell, tmp_path)
+    estimator = start("omm_estimator", part_file=part, calibration_file=calibration)
+    dying = start("omm_recorder", folder=tmp_path / "run")
+    bench.until_heard(2)
+    bench.play(halves[0], images=4)
+    bench.idle(1.5)  # what is older than a second is on the disk
+    dying.kill()
+    dying.communicate()
+    assert bench.play(halves[1], images=8).determined
+    estimator.send_signal(signal.SIGINT)
+    told, _ = estimator.communicate(timeout=30)
+    assert estimator.returncode == 0, told
+    (left,) = (tmp_path / "run").glob("*.mcap*")
+    repaired = tmp_path / "repaired.mcap"
+    repair(left, repaired)
+    solved = solve_run(repaired).result
+    assert len(solved.images) == 4
