@@ -7,12 +7,14 @@ Targets are searched on the executor's thread for images, while poses go on arri
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from omm_interfaces.msg import PartEstimate, TargetObservations
 from omm_interfaces.srv import LoadPart
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import Image
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
@@ -20,7 +22,7 @@ from tf2_msgs.msg import TFMessage
 from omm_core.calibration import load_calibration
 from omm_core.errors import InputError, OmmError
 from omm_core.measurement import Measurement
-from omm_core.part import load_part
+from omm_core.part import Part, load_part
 from omm_core.result import MeasurementResult
 from omm_core.warm_up import warm_up_detection, warm_up_estimation
 from omm_estimator import conversions
@@ -174,16 +176,18 @@ class EstimatorNode(LifecycleNode):
         self, request: LoadPart.Request, response: LoadPart.Response
     ) -> LoadPart.Response:
         try:
-            self._begin(request.part_file)
-            self._clamping += 1
+            part = self._change_part(request.part_file)
         except InputError as error:
             response.success, response.message = False, str(error)
             return response
-        self._publish()
-        response.success, response.message = True, f"measuring {self._measurement.part.name}"  # type: ignore[union-attr]
+        # So that everybody can see which file it is; the recorder keeps it.
+        self.set_parameters([Parameter("part_file", value=request.part_file)])
+        response.success, response.message = True, f"measuring {part.name}"
         return response
 
     def _on_parameters(self, parameters: Parameters) -> None:
+        if self._measurement is not None and parameters.part_file != self._p.part_file:
+            self._change_part(parameters.part_file)
         self._p = parameters
         if self._measurement is not None:
             with self._lock:
@@ -192,7 +196,14 @@ class EstimatorNode(LifecycleNode):
 
     # --- outputs -------------------------------------------------------------------------------
 
-    def _begin(self, part_file: str) -> None:
+    def _change_part(self, part_file: str) -> Part:
+        part = self._begin(part_file)
+        self._p = replace(self._p, part_file=part_file)
+        self._clamping += 1
+        self._publish()
+        return part
+
+    def _begin(self, part_file: str) -> Part:
         if not part_file or not self._p.calibration_file:
             raise InputError(
                 "Expected the parameters part_file and calibration_file, got "
@@ -202,6 +213,7 @@ class EstimatorNode(LifecycleNode):
         with self._lock:
             self._measurement = Measurement(part, calibration, self._p.measurement_options())
             self._last = None
+        return part
 
     def _publish(self) -> None:
         with self._lock:

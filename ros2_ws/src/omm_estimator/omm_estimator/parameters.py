@@ -13,7 +13,10 @@ from omm_ros.parameters import parameter
 class Parameters:
     """What is measured, and when an image may be used."""
 
-    part_file: str = parameter("", "part.yaml: the targets and where they are on the part.")
+    part_file: str = parameter(
+        "", "part.yaml: the targets and where they are on the part; another one begins anew.",
+        read_only=False,
+    )  # fmt: skip
     calibration_file: str = parameter("", "camera.yaml: the lens, and the camera in the taper.")
     model: str = parameter(
         "7d", "7d: the holder's angle is solved too; 6d: it is given.",

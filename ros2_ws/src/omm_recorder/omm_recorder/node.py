@@ -8,7 +8,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from rcl_interfaces.msg import ParameterEvent
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
 from omm_core.errors import InputError, OmmError
@@ -26,6 +28,7 @@ from omm_ros.node_main import run_node
 from omm_ros.parameters import declare
 
 LOOK_PERIOD_S = 0.5
+CHANGES = "/parameter_events"
 FILES = {"part_file": "part.yaml", "calibration_file": "camera.yaml"}
 
 
@@ -42,7 +45,7 @@ class RecorderNode(Node):
         super().__init__("recorder")
         self.parameters = declare(self, Parameters)
         self.failed = False
-        self._attached: set[str] = set()
+        self._attached: dict[str, bytes] = {}
         self._heard: dict[str, tuple[TopicQos, Subscription]] = {}
         self._unknown: set[str] = set()
         files = self._files_to_attach()
@@ -122,7 +125,7 @@ class RecorderNode(Node):
         return {name: _read(Path(path)) for name, path in named.items() if path}
 
     def _attach(self, name: str, data: bytes) -> None:
-        self._attached.add(name)
+        self._attached[name] = data
         self.recorder.add_file(name, data)
 
     def _listen(self, name: str, type_name: str, qos: TopicQos, *, shared: bool = False) -> None:
@@ -158,6 +161,8 @@ class RecorderNode(Node):
             received_ns,
             info["source_timestamp"] or received_ns,
         )
+        if topic == CHANGES:
+            self._take_changes(deserialize_message(data, ParameterEvent))
 
     def _look(self) -> None:
         """See what is new: topics to record, publishers to adapt to, nodes to ask."""
@@ -205,6 +210,20 @@ class RecorderNode(Node):
                     self._attach(name, _read(Path(path)))
                 except InputError as error:
                     self.get_logger().warning(str(error))
+
+    def _take_changes(self, event: ParameterEvent) -> None:
+        """Keep a file that a node was given while it ran: the last one counts."""
+        for changed in event.changed_parameters:
+            name, path = FILES.get(changed.name), changed.value.string_value
+            if name is None or not path:
+                continue
+            try:
+                data = _read(Path(path))
+            except InputError as error:
+                self.get_logger().error(str(error))
+                continue
+            if data != self._attached.get(name):
+                self._attach(name, data)
 
     def _tell(self, text: str) -> None:
         self.get_logger().error(text)

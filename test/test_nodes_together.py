@@ -1,4 +1,4 @@
-"""A node that dies loses nothing that was measured, and nodes may come in any order."""
+"""Estimator and recorder together: nodes die, come late, and are given another part."""
 
 import signal
 from collections.abc import Iterator
@@ -8,6 +8,7 @@ import pytest
 import rclpy
 from domain_coordinator import domain_id
 from estimator_bench import Bench, start
+from omm_interfaces.srv import LoadPart
 
 from omm_recorder.repairing import repair
 from omm_recorder.solving import solve_run
@@ -90,3 +91,27 @@ def test_a_recorder_that_dies_leaves_what_it_had_and_disturbs_nobody(
     repair(left, repaired)
     solved = solve_run(repaired).result
     assert len(solved.images) == 4
+
+
+def test_a_part_that_is_changed_while_recording_is_the_one_that_is_solved(
+    bench: Bench, cell: Cell, halves: tuple[list[object], list[object]], tmp_path: Path
+) -> None:
+    part, calibration = write_estimator_files(cell, tmp_path)
+    wrong = tmp_path / "wrong.yaml"
+    wrong.write_text(part.read_text().replace("name: bench", "name: another"))
+    recorder = start("omm_recorder", folder=tmp_path / "run")
+    estimator = start("omm_estimator", part_file=wrong, calibration_file=calibration)
+    bench.until_heard(2)
+    bench.play(halves[0], images=4)
+    answer = bench.call(LoadPart, "/estimator/load_part", LoadPart.Request(part_file=str(part)))
+    assert answer.success  # type: ignore[attr-defined]
+    bench.until(lambda: bench.estimates[-1].part == "bench", "the other part")
+    live = bench.play(halves[1], images=4)
+    for process in (estimator, recorder):
+        process.send_signal(signal.SIGINT)
+        told, _ = process.communicate(timeout=30)
+        assert process.returncode == 0, told
+    solved = solve_run(tmp_path / "run")
+    assert solved.part.name == live.part == "bench"
+    assert len(solved.result.images) == len(live.images) == 4
+    assert solved.result.missing == tuple(live.missing)
