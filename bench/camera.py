@@ -93,6 +93,7 @@ def start(args: argparse.Namespace, folder: Path) -> dict[str, "subprocess.Popen
     if args.loaded:
         nodes += [
             ("omm_estimator", "estimator_node", dict(files)),
+            ("omm_cnc_bridge", "cnc_bridge_node", {"control": "simulated", "scenario": "bench"}),
             ("omm_recorder", "recorder_node", {"folder": folder / "run", **files}),
         ]
     for package, executable, parameters in nodes:

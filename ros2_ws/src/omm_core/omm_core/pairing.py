@@ -73,6 +73,7 @@ class PoseTrack:
     def __init__(self, options: PairingOptions | None = None) -> None:
         self._options = options or PairingOptions()
         self._stamps: list[int] = []
+        self._settled: dict[int, Judgement] = {}  # what samples that are still to come won't change
         self._rows: list[bytes] = []  # float64 numbers; two poses of one stamp: both, one after
         # the other in their order as bytes
 
@@ -88,6 +89,7 @@ class PoseTrack:
             self._stamps.append(stamp_ns)
             self._rows.append(row)
             return
+        self._settled.clear()
         index = bisect_left(self._stamps, stamp_ns)
         if self._stamps[index] != stamp_ns:
             self._stamps.insert(index, stamp_ns)
@@ -104,9 +106,18 @@ class PoseTrack:
             kept[max(first - 1, 0) : bisect_right(self._stamps, stamp_ns + reach) + 1] = True
         self._stamps = list(compress(self._stamps, kept))
         self._rows = list(compress(self._rows, kept))
+        self._settled.clear()
 
     def judge(self, stamp_ns: int) -> Judgement:
         """Return the pose of the spindle at a stamp, or why it is not known."""
+        judgement = self._settled.get(stamp_ns)
+        if judgement is None:
+            judgement = self._judge(stamp_ns)
+            if not judgement.pending:
+                self._settled[stamp_ns] = judgement
+        return judgement
+
+    def _judge(self, stamp_ns: int) -> Judgement:
         options = self._options
         begin, end = stamp_ns - options.window_ns, stamp_ns + options.window_ns
         # From the last sample at or before the window to the first at or after it.

@@ -131,3 +131,12 @@ def test_forgetting_changes_no_judgement_of_the_images_it_was_told():
         )
     assert track.judge(-5_000 * MS).machine_T_spindle is None
     assert track.judge(16_000 * MS).machine_T_spindle is not None
+
+
+def test_a_sample_that_comes_late_changes_what_was_judged_before():
+    track = PoseTrack()
+    for stamp_ns, transform in samples():
+        track.add(stamp_ns, transform)
+    assert track.judge(IMAGE).machine_T_spindle is not None
+    track.add(IMAGE + 3 * MS, pose(101.0))
+    assert "moved by 1.000 mm" in track.judge(IMAGE).reason

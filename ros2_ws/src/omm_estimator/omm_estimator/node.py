@@ -7,6 +7,7 @@ Targets are searched on the executor's thread for images, while poses go on arri
 from __future__ import annotations
 
 import threading
+import time
 from dataclasses import replace
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
@@ -35,6 +36,8 @@ from omm_ros.node_main import run_node
 from omm_ros.parameters import declare, watch
 
 _SETTLE_PERIOD_S = 0.02
+# Times what the last update took: after thousands of images, not every one gets its own.
+_PAUSE = 4.0
 _POSES_BETWEEN_FORGETTING = 50_000
 _REMEMBERED_NS = 600_000_000_000  # poses of ten minutes, for images that come late
 
@@ -49,6 +52,8 @@ class EstimatorNode(LifecycleNode):
         self._lock = threading.Lock()  # around the measurement
         self._measurement: Measurement | None = None
         self._pending = 0
+        self._due = False
+        self._pause_until_s = 0.0
         self._clamping = 0
         self._poses = self._bad_poses = 0
         self._last: MeasurementResult | None = None
@@ -150,16 +155,23 @@ class EstimatorNode(LifecycleNode):
                     message.header, measurement.part.target_family, image.shape, detection
                 )
             )
-        self._publish()
+        self._due = True
+        self._publish_what_is_due()
 
     def _on_timer(self) -> None:
         """Publish again when poses that came after an image decide about it."""
-        if not self._pending or self._measurement is None:
-            return
-        with self._lock:
-            settled = self._measurement.images_pending < self._pending
-        if settled:
+        if self._pending and self._measurement is not None:
+            with self._lock:
+                self._due |= self._measurement.images_pending < self._pending
+        self._publish_what_is_due()
+
+    def _publish_what_is_due(self) -> None:
+        if self._due and time.monotonic() >= self._pause_until_s:
+            begin_s = time.monotonic()
+            self._due = False
             self._publish()
+            now_s = time.monotonic()
+            self._pause_until_s = now_s + _PAUSE * (now_s - begin_s)
 
     def _on_new_clamping(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         assert self._measurement is not None
