@@ -3,8 +3,8 @@
     ./omm exec python bench/camera.py [--driver gige] [--rate 15] [--seconds 60] [--loaded]
 
 A simulated GigE camera (5 MB an image) sends on loopback, the camera node publishes, this process
-subscribes. With `--loaded`, estimator and recorder run beside. CPU time is of the camera node's
-process.
+subscribes. With `--loaded`, the bridge of a simulated control, estimator and recorder run beside,
+and what the recording lost or missed is told. CPU time is of the camera node's process.
 """
 
 import argparse
@@ -30,6 +30,8 @@ from rclpy.node import Node  # noqa: E402
 from sensor_msgs.msg import Image  # noqa: E402
 
 from omm_camera_driver.gige_simulator import GigeSimulator  # noqa: E402
+from omm_recorder.reading import Recording  # noqa: E402
+from omm_recorder.writing import REPORT  # noqa: E402
 from omm_ros import qos  # noqa: E402
 from omm_ros.conversions import stamp_ns  # noqa: E402
 from omm_simulation.cell import draw  # noqa: E402
@@ -45,7 +47,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rate", type=float, default=15.0, help="images per second")
     parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--loaded", action="store_true", help="with estimator and recorder")
+    parser.add_argument("--loaded", action="store_true", help="with bridge, estimator and recorder")
     parser.add_argument("--camera", action="store_true", help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.camera:
@@ -59,7 +61,9 @@ def main() -> int:
             for process in reversed(processes.values()):
                 process.send_signal(signal.SIGINT)
             for process in processes.values():
-                process.wait(20)
+                process.wait(120)
+        if args.loaded:
+            figures["recorded"] = recorded(Path(folder) / "run")
     print(json.dumps(figures, indent=1))
     return 0
 
@@ -163,6 +167,19 @@ def measure(args: argparse.Namespace, pid: int) -> dict[str, object]:
         "published_to_subscriber_ms": percentiles(since_published_ms),
         "middle_of_exposure_to_subscriber_ms": percentiles(since_exposed_ms),
         "camera_node_cpu_ms_per_image": round(1e3 * used_s / len(arrivals), 2),
+    }
+
+
+def recorded(run: Path) -> dict[str, str]:
+    """The recorder's own account, by the numbers that publishers give their messages."""
+    with Recording(run) as recording:
+        report = recording.metadata()[REPORT]
+    told = {name: json.loads(text) for name, text in report.items() if name.startswith("/")}
+    return {
+        name: f"{t['recorded']} recorded, {t['lost_by_recorder']} lost here, "
+        f"{t['missing_from_publisher']} missing"
+        for name, t in told.items()
+        if t["received"]
     }
 
 
