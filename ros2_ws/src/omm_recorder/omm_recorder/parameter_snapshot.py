@@ -25,9 +25,11 @@ class ParameterSnapshot:
         self._take = take
         self._asked: dict[str, AsyncParameterClient] = {}
         self._taken: set[str] = set()
+        self._done: list[AsyncParameterClient] = []
 
     def look(self) -> None:
         """Ask the nodes that are new and those that did not answer yet."""
+        self._destroy_done()
         names = {
             f"{space.rstrip('/')}/{name}"
             for name, space in self._node.get_node_names_and_namespaces()
@@ -65,12 +67,16 @@ class ParameterSnapshot:
         self._forget_client(name)
 
     def _forget_client(self, name: str) -> None:
-        client = self._asked.pop(name, None)
-        if client is None:
-            return
-        for service in vars(client).values():
-            if hasattr(service, "srv_name"):
-                self._node.destroy_client(service)
+        # Not at once: an answer of it may just be in the executor's hands.
+        if name in self._asked:
+            self._done.append(self._asked.pop(name))
+
+    def _destroy_done(self) -> None:
+        for client in self._done:
+            for service in vars(client).values():
+                if hasattr(service, "srv_name"):
+                    self._node.destroy_client(service)
+        self._done.clear()
 
 
 def as_table(values: dict[str, Any]) -> dict[str, str]:
