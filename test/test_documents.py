@@ -1,0 +1,15 @@
+"""What documents say is what the code does."""
+
+from pathlib import Path
+
+from omm_bringup.parameter_tables import NODES, tables
+
+ROOT = Path(__file__).parents[1]
+
+
+def test_the_tables_of_parameters_are_those_of_the_code() -> None:
+    written = (ROOT / "docs" / "parameters.md").read_text()
+    assert written == tables(), (
+        "write it anew: ./omm exec python -m omm_bringup.parameter_tables > docs/parameters.md"
+    )
+    assert all(f"## {node}\n" in written for node in NODES)
