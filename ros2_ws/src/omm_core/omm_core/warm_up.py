@@ -1,6 +1,8 @@
 """Load, or compile once, all kernels of a measurement, so that no image waits for that.
 
 Both functions measure something small that needs no file. They may run side by side.
+
+python -m omm_core.warm_up
 """
 
 from __future__ import annotations
@@ -77,3 +79,8 @@ def _drawing(family: TargetFamily, target_id: int) -> NDArray[np.uint8]:
         image = 0.5 * image + 0.25 * (np.roll(image, -1, axis) + np.roll(image, 1, axis))
     noise = np.random.default_rng(1).normal(0.0, 1.0, image.shape)
     return np.clip(image + noise, 0, 255).astype(np.uint8)
+
+
+if __name__ == "__main__":
+    warm_up_detection()
+    warm_up_estimation()
