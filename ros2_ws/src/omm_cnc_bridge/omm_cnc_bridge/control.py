@@ -69,7 +69,8 @@ class ControlSample:
 class Control(Protocol):
     """A control behind a real or simulated connection.
 
-    One thread calls all methods, except ``acknowledge``, which any thread may call.
+    One thread calls all methods, except ``acknowledge`` and those that give commands, which any
+    thread may call.
     """
 
     name: str
@@ -97,6 +98,17 @@ class StartsPrograms(Protocol):
 
     def start_program(self) -> None:
         """Start the program from its beginning. Raises DeviceError where that is refused."""
+
+
+@runtime_checkable
+class TakesBlocks(Protocol):
+    """A control that carries out single blocks (MDI)."""
+
+    def mdi(self, text: str, timeout_s: float) -> None:
+        """Carry out one block; returns when that is done. Any thread may call this.
+
+        Raises DeviceError where the block is refused, fails or is not done in time.
+        """
 
 
 @dataclass(frozen=True, kw_only=True)

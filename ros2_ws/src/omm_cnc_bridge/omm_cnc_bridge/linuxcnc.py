@@ -110,11 +110,11 @@ class LinuxCncControl:
         self._send(do="acknowledge")
 
     def start_program(self) -> None:
-        self._ask(do="run", text=self._program_file)
+        self._ask(ANSWER_TIMEOUT_S, do="run", text=self._program_file)
 
-    def mdi(self, text: str) -> None:
+    def mdi(self, text: str, timeout_s: float = ANSWER_TIMEOUT_S) -> None:
         """Carry out one block, for instance ``G10 L2 P1 X… Y… Z… R…`` (sets a work offset)."""
-        self._ask(do="mdi", text=text)
+        self._ask(timeout_s, do="mdi", text=text)
 
     def close(self) -> None:
         self._end_reader()
@@ -123,6 +123,8 @@ class LinuxCncControl:
 
     def _end_reader(self) -> None:
         child, self._child = self._child, None
+        for waiting in list(self._answers.values()):
+            waiting.put("the connection ended before it answered")
         if child is None:
             return
         for stream in (child.stdin, child.stdout):
@@ -159,19 +161,19 @@ class LinuxCncControl:
                 raise DeviceError(f"LinuxCNC's reader does not listen: {error}.") from error
             return self._numbers
 
-    def _ask(self, **command: object) -> None:
+    def _ask(self, timeout_s: float, **command: object) -> None:
         """Send a command from another thread than the one that reads; wait for its answer."""
         answer: queue.Queue[str] = queue.Queue()
         self._answers[self._numbers + 1] = answer
         number = self._send(**command)
         try:
-            error = answer.get(timeout=ANSWER_TIMEOUT_S)
+            error = answer.get(timeout=timeout_s)
         except queue.Empty:
-            error = "it does not answer"
+            error = f"not done within {timeout_s:g} s; it was not stopped"
         finally:
             self._answers.pop(number, None)
         if error:
-            raise DeviceError(f"LinuxCNC refuses: {error}.")
+            raise DeviceError(f"LinuxCNC: {error}.")
 
     def _on_answer(self, answer: dict[str, Any]) -> None:
         waiting = self._answers.get(answer["number"])

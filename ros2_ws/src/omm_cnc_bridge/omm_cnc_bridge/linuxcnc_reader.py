@@ -189,6 +189,8 @@ class Reader:
         self._status: dict[str, object] = {}
         self._was_running = False
         self._input = b""
+        self._block: tuple[int, int] | None = None  # MDI under way: the bridge's number, LinuxCNC's
+        self._errors: object = None
         self._image: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def run(self) -> None:
@@ -250,6 +252,8 @@ class Reader:
             tell(samples=[[before, measured, commanded, float(s.inpos), *self._image]])
         if s.din[0] and not s.dout[0]:
             self._halcmd("sets", SIGNAL_TAKEN, "FALSE")
+        if self._block is not None:
+            self._watch_block(*self._block)
         running = s.interp_state != self._linuxcnc.INTERP_IDLE
         status = {
             "mode": s.task_mode,
@@ -274,10 +278,11 @@ class Reader:
         for line in lines:
             command = json.loads(line)
             error = self._obey(command)
-            tell(answer={"number": command["number"], "error": error})
+            if error is not None:
+                tell(answer={"number": command["number"], "error": error})
 
-    def _obey(self, command: dict[str, str]) -> str:
-        """Carry out one command; returns what went wrong, or nothing."""
+    def _obey(self, command: dict[str, str]) -> str | None:
+        """Carry out one command; returns what went wrong, nothing, or None: answered later."""
         if command["do"] == "acknowledge":
             done = self._halcmd("sets", SIGNAL_TAKEN, "TRUE")
             return "" if done is not None else f"HAL has no signal {SIGNAL_TAKEN}: see *_omm.hal"
@@ -285,18 +290,42 @@ class Reader:
         if s.task_state != lc.STATE_ON or not all(s.homed[: self._joints]):
             return "the machine is not switched on and referenced"
         if s.interp_state != lc.INTERP_IDLE:
-            return "a program runs"
+            return "a program or another block runs"
         if command["do"] == "mdi":
             order.mode(lc.MODE_MDI)
             order.wait_complete(2.0)
+            self._error_texts()  # what is left of earlier ones
             order.mdi(command["text"])
-            return ""
+            self._block = int(command["number"]), order.serial
+            return None
         order.mode(lc.MODE_AUTO)
         order.wait_complete(2.0)
         order.program_open(command["text"])
         order.wait_complete(2.0)
         order.auto(lc.AUTO_RUN, 0)
         return ""
+
+    def _watch_block(self, number: int, serial: int) -> None:
+        """Answer once the block that was sent is no longer being carried out."""
+        s, lc = self._stat, self._linuxcnc
+        if s.task_state != lc.STATE_ON:
+            error = "the machine was switched off"
+        elif s.state == lc.RCS_EXEC:
+            return
+        elif s.echo_serial_number != serial:
+            error = "another command came between; whether the block was done is not known"
+        elif s.state == lc.RCS_ERROR:
+            error = "; ".join(self._error_texts()) or "the block failed, its screen says why"
+        else:
+            error = ""
+        self._block = None
+        tell(answer={"number": number, "error": error})
+
+    def _error_texts(self) -> list[str]:
+        """What LinuxCNC says of errors. Whoever reads it first takes it: asked for blocks only."""
+        if self._errors is None:
+            self._errors = self._linuxcnc.error_channel()
+        return [text.strip() for _, text in iter(self._errors.poll, None)]
 
     def _halcmd(self, *words: str) -> str | None:
         done = subprocess.run(["halcmd", *words], capture_output=True, text=True, check=False)

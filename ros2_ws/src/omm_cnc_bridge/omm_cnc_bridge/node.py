@@ -16,11 +16,11 @@ from omm_interfaces.srv import TriggerImage
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.task import Future
-from std_srvs.srv import Trigger as TriggerService
 from tf2_msgs.msg import TFMessage
 
 from omm_cnc_bridge import conversions
-from omm_cnc_bridge.control import Connection, ControlSample, KnowsTruth, StartsPrograms
+from omm_cnc_bridge.commands import Commands
+from omm_cnc_bridge.control import Connection, ControlSample, KnowsTruth
 from omm_cnc_bridge.controls import make_control
 from omm_cnc_bridge.handshake import Acknowledge, Action, Handshake, HandshakeLimits, Trigger
 from omm_cnc_bridge.judgement import Judge, Judgement, Reported, SampleLimits
@@ -35,7 +35,6 @@ from omm_ros.node_main import run_node
 from omm_ros.parameters import declare
 
 TF_RATE_HZ = 30.0
-CONNECT_PATIENCE_S = 15.0  # for a control that is just being started
 
 
 class CncBridgeNode(Node):
@@ -54,7 +53,6 @@ class CncBridgeNode(Node):
         self._state_due_s = self._tf_due_s = 0.0
         self._ages_ns: deque[int] = deque(maxlen=1000)
         self._failure: Exception | None = None
-        self._started = False
 
         self._pose = self.create_publisher(PoseStamped, "/cnc/spindle_pose", qos.POSE)
         self._state = self.create_publisher(SpindleState, "/cnc/state", qos.STATE)
@@ -70,15 +68,15 @@ class CncBridgeNode(Node):
             if p.trigger_service
             else None
         )
-        if isinstance(self._control, StartsPrograms):
-            self.create_service(TriggerService, "~/start_program", self._on_start_program)
+        self._commands = Commands(self, self._control, p, self._trouble)
         self.create_timer(1.0 / p.state_rate_hz, self._on_timer)
         diagnostics = Diagnostics(self, hardware_id=p.control)
         diagnostics.add("connection", self._connection_health)
         diagnostics.add("poses", self._pose_health)
         diagnostics.add("images", self._image_health)
 
-        self._tell_what_it_may_do()
+        if introduction := self._commands.introduction():
+            self.get_logger().info(introduction)
         self._stopping = threading.Event()
         self._reader = threading.Thread(target=self._run, name="control reader", daemon=True)
         self._reader.start()
@@ -182,28 +180,6 @@ class CncBridgeNode(Node):
         if image_ns is None:
             self.get_logger().warning(f"image {self._handshake.request}: {self._handshake.status}")
 
-    def _on_start_program(
-        self, _: TriggerService.Request, response: TriggerService.Response
-    ) -> TriggerService.Response:
-        deadline_s = time.monotonic() + CONNECT_PATIENCE_S
-        while self._connection is not Connection.CONNECTED and time.monotonic() < deadline_s:
-            time.sleep(0.05)
-        response.success, response.message = self._start_program()
-        return response
-
-    def _start_program(self) -> tuple[bool, str]:
-        control = self._control
-        if not (_is_simulated(self._p) or self._p.allow_commands):
-            return False, "allow_commands is false: start the program at the control"
-        if self._connection is not Connection.CONNECTED or not isinstance(control, StartsPrograms):
-            return False, f"{self._p.control} is not connected: {self._detail}"
-        try:
-            control.start_program()
-        except DeviceError as error:
-            return False, str(error)
-        self._started = True
-        return True, "started"
-
     # --- state ---------------------------------------------------------------------------------
 
     def _on_timer(self) -> None:
@@ -215,9 +191,9 @@ class CncBridgeNode(Node):
         if time.monotonic() >= self._state_due_s:
             self._publish_state()
         camera = self._camera is not None and self._camera.service_is_ready()
-        wanted = _is_simulated(self._p) and self._p.start_program
-        if wanted and camera and not self._started and self._connection is Connection.CONNECTED:
-            self._start_program()
+        wanted = self._commands.is_simulated and self._p.start_program
+        if wanted and camera and not (self._commands.started or self._trouble()):
+            self._commands.start_program()
 
     def _publish_state(self) -> None:
         self._state_due_s = time.monotonic() + 0.9 / self._p.state_rate_hz
@@ -245,15 +221,9 @@ class CncBridgeNode(Node):
             self._handshake = _make_handshake(self._p, self._handshake.acknowledged)
         self._set_connection(Connection.DISCONNECTED, f"{error} Trying again.")
 
-    def _tell_what_it_may_do(self) -> None:
-        if _is_simulated(self._p):
-            return
-        self.get_logger().info(
-            "allow_commands is true: the bridge may start programs on this control."
-            if self._p.allow_commands
-            else "The bridge only reads this control (allow_commands is false); it answers the "
-            "measuring program's requests for images, and moves or sets nothing else."
-        )
+    def _trouble(self) -> str:
+        """Why the control is not connected; empty where it is."""
+        return "" if self._connection is Connection.CONNECTED else self._detail
 
     # --- diagnostics ---------------------------------------------------------------------------
 
@@ -305,11 +275,6 @@ def _noteworthy(judged: Judgement) -> tuple[object, ...]:
     s = judged.sample
     still = not judged.moving_reason
     return s.measure_request, still, s.program_state, s.mode, s.program, bool(judged.refused)
-
-
-def _is_simulated(p: Parameters) -> bool:
-    """Whether nothing real can move: the control's drives are simulated by us."""
-    return p.control == "simulated" or bool(p.linuxcnc_cell)
 
 
 def _ns(seconds: float) -> int:

@@ -26,7 +26,14 @@ class Parameters:
         0.0, "From the spindle's origin to the tool point, where the control reports that."
     )
     allow_commands: bool = parameter(
-        False, "Whether the bridge may start programs on a real control. It otherwise only reads."
+        False,
+        "Whether the bridge may have a real control start programs and carry out blocks (MDI). "
+        "It otherwise only reads.",
+    )
+    mdi_timeout_s: float = parameter(
+        60.0,
+        "How long a block (MDI) may take; it is not stopped then, only waited for no longer.",
+        minimum=0.1,
     )
 
     tolerance_mm: float = parameter(

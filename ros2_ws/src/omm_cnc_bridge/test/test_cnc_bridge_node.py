@@ -2,109 +2,14 @@
 
 import os
 import signal
-import subprocess
-import sys
-import time
 
 import pytest
 
-rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not there")
+pytest.importorskip("rclpy", reason="ROS 2 is not there")
 pytest.importorskip("omm_interfaces", reason="the workspace is not built (./omm setup)")
 
-from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
-from geometry_msgs.msg import PoseStamped  # noqa: E402
-from omm_interfaces.msg import SpindleState  # noqa: E402
-from omm_interfaces.srv import TriggerImage  # noqa: E402
-from std_srvs.srv import Trigger  # noqa: E402
-
 from omm_cnc_bridge.parameters import Parameters  # noqa: E402
-from omm_ros import qos  # noqa: E402
 from omm_ros.conversions import stamp_ns  # noqa: E402
-
-NODE = "import sys; from omm_cnc_bridge.node import main; sys.exit(main())"
-
-
-class Bench:
-    """A node of the test's that listens to the bridge and plays the camera."""
-
-    def __init__(self, domain: int) -> None:
-        self.context = rclpy.Context()
-        self.context.init(domain_id=domain)
-        self.node = rclpy.create_node("bench", context=self.context)
-        self._executor = rclpy.executors.SingleThreadedExecutor(context=self.context)
-        self._executor.add_node(self.node)
-        self.poses, self.truth, self.states = [], [], []
-        self.triggered = 0
-        self.diagnostics = {}
-        self.camera_works = True
-        n = self.node
-        n.create_subscription(PoseStamped, "/cnc/spindle_pose", self.poses.append, qos.POSE)
-        n.create_subscription(
-            PoseStamped, "/simulation/true_spindle_pose", self.truth.append, qos.POSE
-        )
-        n.create_subscription(SpindleState, "/cnc/state", self.states.append, qos.STATE)
-        n.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
-        n.create_service(TriggerImage, "/camera/trigger", self._on_trigger)
-
-    def _on_diagnostics(self, message) -> None:
-        self.diagnostics |= {status.name: status for status in message.status}
-
-    def _on_trigger(self, request, response):
-        self.triggered += 1
-        response.success, response.message = self.camera_works, "out of light"
-        response.stamp = self.node.get_clock().now().to_msg()
-        return response
-
-    def spin(self, seconds: float, until=lambda: False) -> bool:
-        deadline = time.monotonic() + seconds
-        while time.monotonic() < deadline:
-            self._executor.spin_once(timeout_sec=0.05)
-            if until():
-                return True
-        return False
-
-    def call(self, name: str):
-        client = self.node.create_client(Trigger, name)
-        assert self.spin(10.0, client.service_is_ready)
-        future = client.call_async(Trigger.Request())
-        assert self.spin(20.0, future.done)
-        return future.result()
-
-    def close(self) -> None:
-        self._executor.shutdown()
-        self.node.destroy_node()
-        self.context.try_shutdown()
-
-
-@pytest.fixture
-def domain(monkeypatch) -> int:
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    number = 110 + os.getpid() % 100
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
-    return number
-
-
-@pytest.fixture
-def bench(domain):
-    made = Bench(domain)
-    yield made
-    made.close()
-
-
-@pytest.fixture
-def start_node(domain):
-    processes = []
-
-    def start(**parameters) -> subprocess.Popen:
-        words = [w for k, v in parameters.items() for w in ("-p", f"{k}:={v}")]
-        command = [sys.executable, "-c", NODE, "--ros-args", *words]
-        processes.append(subprocess.Popen(command, stderr=subprocess.PIPE, text=True))
-        return processes[-1]
-
-    yield start
-    for process in processes:
-        process.kill()
-        process.communicate()
 
 
 def test_program_is_measured_and_poses_flow(bench, start_node):

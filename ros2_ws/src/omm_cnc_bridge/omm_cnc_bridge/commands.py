@@ -1,0 +1,108 @@
+"""What the node may be asked to have the control do: start its program, carry out a block (MDI).
+
+A control that is real does neither unless ``allow_commands`` is set.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from omm_interfaces.srv import Mdi
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from omm_cnc_bridge.control import Control, StartsPrograms, TakesBlocks
+from omm_cnc_bridge.parameters import Parameters
+from omm_core.errors import DeviceError
+
+CONNECT_PATIENCE_S = 15.0  # for a control that is just being started
+
+
+class Commands:
+    """The services ``~/start_program`` and ``~/mdi``.
+
+    Parameters
+    ----------
+    trouble : callable
+        Why the control is not connected; empty where it is.
+    """
+
+    def __init__(
+        self, node: Node, control: Control, p: Parameters, trouble: Callable[[], str]
+    ) -> None:
+        self._control, self._p, self._trouble = control, p, trouble
+        self._context = node.context
+        self.started = False
+        """Whether the program was started."""
+        # Both wait for the control: one at a time, so that a thread is left for everything else.
+        group = MutuallyExclusiveCallbackGroup()
+        node.create_service(Mdi, "~/mdi", self._on_mdi, callback_group=group)
+        if isinstance(control, StartsPrograms):
+            node.create_service(
+                Trigger, "~/start_program", self._on_start_program, callback_group=group
+            )
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether nothing real can move: the control's drives are simulated by us."""
+        return self._p.control == "simulated" or bool(self._p.linuxcnc_cell)
+
+    def introduction(self) -> str:
+        """What an operator must know of this bridge; empty where nothing real is there."""
+        if self.is_simulated:
+            return ""
+        if self._p.allow_commands:
+            return (
+                "allow_commands is true: the bridge may start programs on this control and have "
+                "it carry out blocks (MDI)."
+            )
+        return (
+            "The bridge only reads this control (allow_commands is false); it answers the "
+            "measuring program's requests for images, and moves or sets nothing else."
+        )
+
+    def start_program(self) -> tuple[bool, str]:
+        """Whether the program was started, and why not."""
+        control = self._control
+        if not (self.is_simulated or self._p.allow_commands):
+            return False, "allow_commands is false: start the program at the control"
+        if trouble := self._trouble():
+            return False, f"{self._p.control} is not connected: {trouble}"
+        if not isinstance(control, StartsPrograms):
+            return False, f"control {self._p.control} cannot be told to start programs"
+        try:
+            control.start_program()
+        except DeviceError as error:
+            return False, str(error)
+        self.started = True
+        return True, "started"
+
+    def mdi(self, text: str) -> tuple[bool, str]:
+        """Whether the control has carried out a block, and why not."""
+        control = self._control
+        if not isinstance(control, TakesBlocks):
+            return False, f"control {self._p.control} takes no blocks (MDI); linuxcnc does"
+        if not self._p.allow_commands:
+            return False, "allow_commands is false: the bridge only reads; start it with true"
+        if not text.strip() or "\n" in text:
+            return False, f"expected one block, got {text!r}"
+        if trouble := self._trouble():
+            return False, f"{self._p.control} is not connected: {trouble}"
+        try:
+            control.mdi(text, self._p.mdi_timeout_s)
+        except DeviceError as error:
+            return False, str(error)
+        return True, "done"
+
+    def _on_start_program(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        deadline_s = time.monotonic() + CONNECT_PATIENCE_S
+        while self._trouble() and time.monotonic() < deadline_s and self._context.ok():
+            time.sleep(0.05)
+        response.success, response.message = self.start_program()
+        return response
+
+    def _on_mdi(self, request: Mdi.Request, response: Mdi.Response) -> Mdi.Response:
+        response.success, response.message = self.mdi(request.command)
+        return response
