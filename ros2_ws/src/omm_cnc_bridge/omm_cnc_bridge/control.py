@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
@@ -28,6 +29,16 @@ class ProgramState(IntEnum):
     WAITING = 3
     INTERRUPTED = 4
     FINISHED = 5
+
+
+class Orientation(IntEnum):
+    """Of the spindle; the numbers are those of ``omm_interfaces/SpindleState``."""
+
+    UNKNOWN = 0
+    FREE = 1
+    TURNING = 2
+    HELD = 3
+    FAULT = 4
 
 
 class Connection(IntEnum):
@@ -64,6 +75,9 @@ class ControlSample:
     program_line: int = -1
     measure_request: int | None = None
     """Number of the image that the program waits for now; None where it waits for none."""
+    orientation: Orientation = Orientation.UNKNOWN
+    spindle_angle_rad: float = math.nan
+    """As the control counts it; NaN where it does not tell."""
 
 
 class Control(Protocol):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from omm_cnc_bridge.control import Control
@@ -90,9 +88,7 @@ def _linuxcnc_cell(p: Parameters) -> tuple[Control, Machine]:
         ),
         title=cell.scenario.name,
     )
-    folder = Path(tempfile.mkdtemp(prefix="omm_linuxcnc_"))
-    control = DemoLinuxCnc(p.linuxcnc_cell, folder, text, machine, rate_hz=p.rate_hz)
-    return control, machine
+    return DemoLinuxCnc(p.linuxcnc_cell, text, machine, rate_hz=p.rate_hz), machine
 
 
 def _simulated(p: Parameters) -> tuple[Control, Machine]:

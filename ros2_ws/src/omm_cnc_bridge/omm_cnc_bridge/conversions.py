@@ -37,7 +37,11 @@ def state_message(
 ) -> SpindleState:
     """State of the control as of the last sample; nothing of it is current unless connected."""
     message = SpindleState(
-        control=control, connection=int(connection), connection_detail=detail, program_line=-1
+        control=control,
+        connection=int(connection),
+        connection_detail=detail,
+        program_line=-1,
+        spindle_angle=math.nan,
     )
     message.header.frame_id = MACHINE_FRAME
     message.moving_reason = detail or "no sample yet"
@@ -50,6 +54,8 @@ def state_message(
     message.mode = int(sample.mode)
     message.program_state = int(sample.program_state)
     message.program, message.program_line = sample.program, sample.program_line
+    message.spindle_orientation = int(sample.orientation)
+    message.spindle_angle = sample.spindle_angle_rad
     scales = {a.name: 1.0 if a.rotary else 1.0 / MM_PER_M for a in machine.axes}
     for axis, scale in scales.items():
         message.axis_names.append(axis)

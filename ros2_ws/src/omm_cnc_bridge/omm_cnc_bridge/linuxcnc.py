@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from omm_cnc_bridge.clock import ControlClock, ros_from_monotonic_ns
-from omm_cnc_bridge.control import ControlSample, Mode, ProgramState, TruePose
+from omm_cnc_bridge.control import ControlSample, Mode, Orientation, ProgramState, TruePose
 from omm_cnc_bridge.kinematics import Machine
 from omm_core.errors import DeviceError
 
@@ -29,6 +29,10 @@ HELLO_TIMEOUT_S = 5.0
 ANSWER_TIMEOUT_S = 5.0
 TRUTH_RATE_HZ = 250.0
 _MODES = {1: Mode.MANUAL, 2: Mode.AUTOMATIC, 3: Mode.MDI}
+# Of M19, in the terms of linuxcnc.RCS_DONE, RCS_EXEC and RCS_ERROR.
+_ORIENTATIONS = {
+    0: Orientation.FREE, 1: Orientation.HELD, 2: Orientation.TURNING, 3: Orientation.FAULT
+}  # fmt: skip
 _PAUSED = 3  # linuxcnc.INTERP_PAUSED
 _IDLE = 1
 
@@ -58,8 +62,8 @@ class LinuxCncControl:
         poll: bool = False,
     ) -> None:
         self.clock = ControlClock()
-        self._command = [*(reader or LOCAL_READER), "--rate-hz", str(rate_hz)]
-        self._command += ["--poll"] if poll else []
+        self._reader = tuple(reader or LOCAL_READER)
+        self._options = ("--rate-hz", str(rate_hz), *(("--poll",) if poll else ()))
         self._joint_names = tuple(joint_names)
         self._program_file = program_file
         self._child: subprocess.Popen[bytes] | None = None
@@ -75,10 +79,13 @@ class LinuxCncControl:
         self._end_reader()
         try:
             self._child = subprocess.Popen(
-                self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0
+                [*self._reader, *self._options],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                bufsize=0,
             )
         except OSError as error:
-            raise DeviceError(f"Expected to start {self._command[0]}: {error}.") from error
+            raise DeviceError(f"Expected to start {self._reader[0]}: {error}.") from error
         self._rest, self._hello, self._status = b"", {}, {}
         self.clock = ControlClock()
         deadline = time.monotonic() + HELLO_TIMEOUT_S
@@ -219,6 +226,8 @@ class LinuxCncControl:
             program=os.path.basename(status.get("program", "")),
             program_line=status.get("line", -1),
             measure_request=round(image) if wanted else None,
+            orientation=_ORIENTATIONS.get(status.get("orientation", -1), Orientation.UNKNOWN),
+            spindle_angle_rad=math.radians(_or_nan(status.get("spindle_deg"))),
         )
 
     def _named(self, values: list[float]) -> dict[str, float]:
@@ -274,3 +283,7 @@ def _program_state(status: dict[str, Any]) -> ProgramState:
     if status["interpreter"] == _PAUSED:
         return ProgramState.INTERRUPTED
     return ProgramState.WAITING if status["waiting"] else ProgramState.RUNNING
+
+
+def _or_nan(value: float | None) -> float:
+    return math.nan if value is None else value

@@ -1,28 +1,34 @@
 """Starts a real LinuxCNC with simulated drives, headless: for the demo, the tests and the bench.
 
-Only one LinuxCNC runs on a machine (its memory and ports are fixed), and its NML ports are open to
-the network while it runs: these configurations are for trying, on a machine of one's own.
+A LinuxCNC's memory, lock and ports are the same for all: only one runs on a machine, and its NML
+ports are open to the network. Where the system allows it, this one therefore gets namespaces of its
+own (see unshare(1)): several run side by side, no port is open, and nothing is left behind.
 """
 
 from __future__ import annotations
 
+import functools
 import os
+import shlex
 import shutil
 import signal
 import subprocess
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 from omm_cnc_bridge.kinematics import Machine
-from omm_cnc_bridge.linuxcnc import SimulatedLinuxCnc
+from omm_cnc_bridge.linuxcnc import LOCAL_READER, SimulatedLinuxCnc
 from omm_core.errors import DeviceError
 
 CONFIGURATIONS = ("three_axis_mill", "bc_head")
 START_TIMEOUT_S = 20.0
 _NOBODY = 65534
+_FOLDER_PREFIX = "omm_linuxcnc_"
+_NAMESPACES = ("--mount", "--ipc", "--net", "--pid")
 
 # Run by LinuxCNC's own Python in a child that never ends normally (see linuxcnc_reader.py).
 _SWITCH_ON = """
@@ -60,6 +66,20 @@ def is_installed() -> bool:
     return shutil.which("linuxcnc") is not None
 
 
+@functools.cache
+def can_isolate() -> bool:
+    """Whether this system lets us give LinuxCNC namespaces of its own."""
+    if not all(shutil.which(tool) for tool in ("unshare", "nsenter", "ip")):
+        return False
+    trial = [*_unshare(), "ip", "link", "set", "lo", "up"]
+    return subprocess.run(trial, capture_output=True, check=False).returncode == 0
+
+
+def _unshare() -> list[str]:
+    user = [] if os.getuid() == 0 else ["--user", "--map-root-user"]
+    return ["unshare", *user, *_NAMESPACES, "--fork", "--kill-child", "--mount-proc"]
+
+
 class LinuxCncCell:
     """A running LinuxCNC; to be used in a ``with`` statement.
 
@@ -68,18 +88,24 @@ class LinuxCncCell:
     configuration : str
         One of CONFIGURATIONS.
     folder : Path
-        Gets a copy of the configuration, LinuxCNC's own files and its output.
+        Gets a copy of the configuration, LinuxCNC's own files and its output. What LinuxCNC is to
+        read, such as programs, must be in there.
+    isolated : bool, optional
+        Whether it gets namespaces of its own; None where that is possible.
     """
 
-    def __init__(self, configuration: str, folder: Path) -> None:
+    def __init__(self, configuration: str, folder: Path, *, isolated: bool | None = None) -> None:
         self.folder = folder
+        self.isolated = can_isolate() if isolated is None else isolated
         self._ini = folder / f"{configuration}.ini"
         self._process: subprocess.Popen[bytes] | None = None
         self._fifo: tempfile.TemporaryDirectory[str] | None = None
         folder.mkdir(parents=True, exist_ok=True)
         for file in configuration_folder().iterdir():
             shutil.copy(file, folder)
+        shutil.copy(LOCAL_READER[-1], folder)
         (folder / "linuxcnc.var").touch()
+        self._write_reader()
 
     def __enter__(self) -> LinuxCncCell:
         self.start()
@@ -93,6 +119,11 @@ class LinuxCncCell:
     ) -> None:
         self.stop()
 
+    @property
+    def reader(self) -> tuple[str, ...]:
+        """Command that reads this LinuxCNC, also after it was started anew."""
+        return ("/bin/sh", str(self.folder / "reader.sh"))
+
     def start(self) -> None:
         """Start LinuxCNC, switch the machine on and reference it. Raises DeviceError."""
         if not is_installed():
@@ -100,61 +131,108 @@ class LinuxCncCell:
                 "Expected LinuxCNC, found none. On Debian: apt-get install "
                 "--no-install-recommends linuxcnc-uspace."
             )
-        if _status_memory_exists():
-            raise DeviceError("Another LinuxCNC runs on this machine; only one can.")
-        with open(self.folder / "output.txt", "ab") as output:
-            self._process = subprocess.Popen(
-                ["linuxcnc", "-r", str(self._ini)],
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                cwd=self.folder,
-                env=self._environment(),
-                start_new_session=True,
+        if not self.isolated and _status_memory_exists():
+            raise DeviceError(
+                f"Another LinuxCNC runs on this machine ({_other_linuxcnc()}); only one can where "
+                "the system does not allow namespaces (unshare)."
             )
+        self._process = subprocess.Popen(
+            self._command(),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            cwd=self.folder,
+            env=self._environment(),
+            start_new_session=True,
+        )
         self._switch_on()
+        self._write_reader()
 
     def stop(self) -> None:
         """End LinuxCNC as closing its screen does; its own script then cleans up."""
         process, self._process = self._process, None
         if process is None:
             return
-        for pid in self.pids("stay_alive.sh"):
-            os.kill(pid, signal.SIGTERM)
+        assert process.stdin is not None
+        process.stdin.close()
         try:
-            process.wait(15.0)
+            process.wait(1.5 if self.isolated else 15.0)
         except subprocess.TimeoutExpired:
-            os.killpg(process.pid, signal.SIGKILL)
+            os.killpg(process.pid, signal.SIGKILL)  # namespaces and all that is in them go with it
             process.wait()
         if self._fifo is not None:
             self._fifo.cleanup()
             self._fifo = None
+        self._write_reader()
+
+    def run(self, command: Sequence[str]) -> subprocess.CompletedProcess[str]:
+        """Run a command beside LinuxCNC, for instance halcmd."""
+        return subprocess.run(
+            [*self._enter(), *command],
+            env=self._environment(),
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=False,
+        )
 
     def pids(self, name: str) -> list[int]:
         """Processes of this LinuxCNC by name: milltask, rtapi_app, stay_alive.sh."""
+        ours = f"HOME={self.folder}".encode()
         found = []
         for entry in Path("/proc").iterdir():
             try:
-                if not entry.name.isdigit():
+                if not entry.name.isdigit() or (entry / "comm").read_text().strip() != name:
                     continue
-                start, _, end = (entry / "stat").read_text().rpartition(")")
-                if start.split("(", 1)[1] == name and end.split()[0] != "Z":
+                if ours in (entry / "environ").read_bytes().split(b"\0"):
                     found.append(int(entry.name))
             except OSError:
-                continue  # it ended while we looked
+                continue  # it ended while we looked, or is another user's
         return found
+
+    def _command(self) -> list[str]:
+        start = ["/bin/sh", str(self.folder / "start.sh"), str(self._ini)]
+        linuxcnc = ["linuxcnc", "-r", str(self._ini)]
+        if not self.isolated:
+            return [*start, *linuxcnc]
+        if os.getuid() == 0:
+            return [*_unshare(), *start, *linuxcnc]
+        # To be allowed to mount we are root in there; LinuxCNC is to be who we are.
+        ourselves = [f"--map-user={os.getuid()}", f"--map-group={os.getgid()}"]
+        return [*_unshare(), *start, "unshare", "--user", *ourselves, *linuxcnc]
+
+    def _enter(self) -> list[str]:
+        """What makes a command run where LinuxCNC does."""
+        pids = self.pids("milltask")
+        if not (self.isolated and pids):
+            return []
+        user = [] if os.getuid() == 0 else ["--user", "--preserve-credentials"]
+        return ["nsenter", f"--target={pids[0]}", *user, *_NAMESPACES]
+
+    def _write_reader(self) -> None:
+        """The command that reads it: a file, because with each start there is another to enter."""
+        read = [*self._enter(), *LOCAL_READER[:-1], str(self.folder / Path(LOCAL_READER[-1]).name)]
+        (self.folder / "reader.sh").write_text(f'exec {shlex.join(read)} "$@"\n')
 
     def _environment(self) -> dict[str, str]:
         environment = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "PYTHONPATH")}
         environment.pop("LD_LIBRARY_PATH", None)  # of ROS; LinuxCNC takes the system's
         environment["HOME"] = str(self.folder)
+        if self.isolated:
+            environment["omm_own_tmp"] = "1"
         if os.getuid() == 0:  # as root, LinuxCNC's realtime part runs as another user
-            if self._fifo is None:
-                self._fifo = tempfile.TemporaryDirectory(prefix="omm_rtapi_")
-                os.chown(self._fifo.name, _NOBODY, -1)
             environment["RTAPI_UID"] = str(_NOBODY)
-            environment["RTAPI_FIFO_PATH"] = f"{self._fifo.name}/rtapi_fifo"
+            environment["RTAPI_FIFO_PATH"] = f"{self._fifo_folder()}/rtapi_fifo"
         return environment
+
+    def _fifo_folder(self) -> str:
+        """A folder that that other user may write to."""
+        if self.isolated:
+            return "/tmp"
+        if self._fifo is None:
+            self._fifo = tempfile.TemporaryDirectory(prefix="omm_rtapi_")
+            os.chown(self._fifo.name, _NOBODY, -1)
+        return self._fifo.name
 
     def _switch_on(self) -> None:
         deadline = time.monotonic() + START_TIMEOUT_S
@@ -162,39 +240,62 @@ class LinuxCncCell:
             time.sleep(0.2)
             if self._process is None or self._process.poll() is not None:
                 break
-            if not (_status_memory_exists() and self.pids("milltask")):
+            if not self.pids("milltask") or not (self.isolated or _status_memory_exists()):
                 continue
-            command = ["/usr/bin/python3", "-c", _SWITCH_ON]
-            done = subprocess.run(
-                command, env=self._environment(), capture_output=True, timeout=30, check=False
-            )
-            if done.returncode == 0:
+            if self.run(["/usr/bin/python3", "-c", _SWITCH_ON]).returncode == 0:
                 return
         self.stop()
-        raise DeviceError(f"LinuxCNC did not start; see {self.folder / 'output.txt'}.")
+        output = (self.folder / "output.txt").read_text(errors="replace")
+        raise DeviceError(f"LinuxCNC did not start; it says: {output[-1000:].strip()}")
 
 
 class DemoLinuxCnc(SimulatedLinuxCnc):
     """A LinuxCNC that is started with the connection and ended with it, and its program."""
 
-    def __init__(
-        self, configuration: str, folder: Path, program: str, machine: Machine, **more: Any
-    ) -> None:
-        self._cell = LinuxCncCell(configuration, folder)
-        program_file = folder / "measure.ngc"
-        program_file.write_text(program)
-        super().__init__(machine, program_file=str(program_file), **more)
+    def __init__(self, configuration: str, program: str, machine: Machine, **more: Any) -> None:
+        super().__init__(machine, **more)
+        self._configuration, self._program = configuration, program
+        self._cell: LinuxCncCell | None = None
 
     def connect(self) -> None:
-        self._cell.stop()
+        self.close()
+        remove_stale_folders()
+        folder = Path(tempfile.mkdtemp(prefix=f"{_FOLDER_PREFIX}{os.getpid()}_"))
+        self._cell = LinuxCncCell(self._configuration, folder)
+        self._program_file = str(folder / "measure.ngc")
+        Path(self._program_file).write_text(self._program)
         self._cell.start()
+        self._reader = self._cell.reader
         super().connect()
 
     def close(self) -> None:
         super().close()
-        self._cell.stop()
+        cell, self._cell = self._cell, None
+        if cell is not None:
+            cell.stop()
+            shutil.rmtree(cell.folder, ignore_errors=True)
+
+
+def remove_stale_folders() -> None:
+    """Remove what demos left behind that were killed; their process is in the folder's name."""
+    for folder in Path(tempfile.gettempdir()).glob(f"{_FOLDER_PREFIX}[0-9]*_*"):
+        pid = folder.name.removeprefix(_FOLDER_PREFIX).split("_")[0]
+        if not Path("/proc", pid).exists():
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def _status_memory_exists() -> bool:
     rows = Path("/proc/sysvipc/shm").read_text().splitlines()
     return any(row.split()[0] == "1002" for row in rows)
+
+
+def _other_linuxcnc() -> str:
+    """What holds the memory that every LinuxCNC uses, in words."""
+    for entry in Path("/proc").iterdir():
+        try:
+            if entry.name.isdigit() and (entry / "comm").read_text().strip() == "milltask":
+                words = (entry / "cmdline").read_bytes().split(b"\0")
+                return f"process {entry.name}: {b' '.join(words).decode(errors='replace').strip()}"
+        except OSError:
+            continue  # it ended while we looked
+    return "it has gone without removing its shared memory 1002: ipcrm -M 1002"

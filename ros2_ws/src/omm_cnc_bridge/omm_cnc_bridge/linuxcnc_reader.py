@@ -29,6 +29,7 @@ import time
 STATUS_KEY = 1002  # of NML's status buffer, in linuxcnc.nml
 STALL_S = 2.0  # half of what the sampler's buffer holds
 STATUS_PERIOD_S = 0.02
+ANGLE_PERIOD_S = 0.5
 LIVENESS_PERIOD_S = 0.05
 LIVENESS_LIMIT_S = 0.25
 SIGNAL_TAKEN = "omm-image-taken"
@@ -98,11 +99,20 @@ def _pid_of(name: str) -> int | None:
                 with open(f"/proc/{entry}/stat") as file:
                     start, _, end = file.read().rpartition(")")
                 # A zombie of an earlier session has the same name.
-                if start.split("(", 1)[1] == name and end.split()[0] != "Z":
+                is_it = start.split("(", 1)[1] == name and end.split()[0] != "Z"
+                if is_it and _shares_memory(entry):
                     return int(entry)
             except OSError:
                 continue  # it ended while we looked
     return None
+
+
+def _shares_memory(pid: str) -> bool:
+    """Whether a process is in our IPC namespace: another LinuxCNC may run in one of its own."""
+    try:
+        return os.readlink(f"/proc/{pid}/ns/ipc") == os.readlink("/proc/self/ns/ipc")
+    except PermissionError:  # another user's: rtapi_app may be root's
+        return True
 
 
 def _run_time_ns(pid: int) -> int | None:
@@ -191,6 +201,8 @@ class Reader:
         self._input = b""
         self._block: tuple[int, int] | None = None  # MDI under way: the bridge's number, LinuxCNC's
         self._errors: object = None
+        self._angle: float | None = None
+        self._angle_due = 0.0
         self._image: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def run(self) -> None:
@@ -254,6 +266,7 @@ class Reader:
             self._halcmd("sets", SIGNAL_TAKEN, "FALSE")
         if self._block is not None:
             self._watch_block(*self._block)
+        orient = s.spindle[0]
         running = s.interp_state != self._linuxcnc.INTERP_IDLE
         status = {
             "mode": s.task_mode,
@@ -263,12 +276,26 @@ class Reader:
             "program": s.file,
             "line": s.motion_line,
             "homed": [bool(h) for h in s.homed[: self._joints]],
-            "oriented": s.spindle[0]["orient_state"],
+            # A failed M19 is taken back at once; its fault stays until the next.
+            "orientation": orient["orient_state"]
+            or (self._linuxcnc.RCS_ERROR if orient["orient_fault"] else 0),
+            "spindle_deg": self._spindle_deg(orient["orient_state"]),
         }
         self._was_running = running
         if status != self._status:
             self._status = status
             tell(status=status)
+
+    def _spindle_deg(self, orient_state: int) -> float | None:
+        """Where M19 holds the spindle, which only HAL knows; None where it is not held."""
+        if orient_state != self._linuxcnc.RCS_DONE:
+            self._angle_due = 0.0
+            return None
+        if time.monotonic() >= self._angle_due:  # M19 may follow M19 between two polls
+            self._angle_due = time.monotonic() + ANGLE_PERIOD_S
+            angle = self._halcmd("getp", "spindle.0.orient-angle")
+            self._angle = float(angle) if angle else None
+        return self._angle
 
     def _commands(self) -> None:
         data = os.read(0, 1 << 16)

@@ -274,7 +274,8 @@ def _noteworthy(judged: Judgement) -> tuple[object, ...]:
     """What is published at once when it changes."""
     s = judged.sample
     still = not judged.moving_reason
-    return s.measure_request, still, s.program_state, s.mode, s.program, bool(judged.refused)
+    refused = bool(judged.refused)
+    return s.measure_request, still, s.program_state, s.mode, s.program, s.orientation, refused
 
 
 def _ns(seconds: float) -> int:

@@ -8,8 +8,8 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 is not there")
 pytest.importorskip("omm_interfaces", reason="the workspace is not built (./omm setup)")
 
-from omm_cnc_bridge.parameters import Parameters  # noqa: E402
-from omm_ros.conversions import stamp_ns  # noqa: E402
+from omm_cnc_bridge.parameters import Parameters
+from omm_ros.conversions import stamp_ns
 
 
 def test_program_is_measured_and_poses_flow(bench, start_node):
