@@ -35,6 +35,7 @@ from omm_ros.node_main import run_node
 from omm_ros.parameters import declare
 
 TF_RATE_HZ = 30.0
+END_PATIENCE_S = 1.0  # for a connection that is just being made; it is given up with the process
 
 
 class CncBridgeNode(Node):
@@ -84,7 +85,7 @@ class CncBridgeNode(Node):
     def destroy_node(self) -> None:
         """Stop reading, disconnect, and end the node."""
         self._stopping.set()
-        self._reader.join(timeout=5.0)
+        self._reader.join(timeout=END_PATIENCE_S)
         super().destroy_node()
 
     # --- the reading thread --------------------------------------------------------------------
@@ -92,19 +93,23 @@ class CncBridgeNode(Node):
     def _run(self) -> None:
         """Read until the end; what goes wrong unforeseen ends the node."""
         try:
-            while not self._stopping.is_set():
+            while self._is_wanted():
                 self._run_connection()
                 self._stopping.wait(self._p.reconnect_s)
         except Exception as error:  # the timer raises it in the main thread
             if self.context.ok():
                 self._failure = error
 
+    def _is_wanted(self) -> bool:
+        """Whether to go on: Ctrl-C ends the context first, and then the node."""
+        return self.context.ok() and not self._stopping.is_set()
+
     def _run_connection(self) -> None:
         """Connect, and read until the connection is lost."""
         try:
             self._set_connection(Connection.CONNECTING, "no sample yet")
             self._control.connect()
-            while not self._stopping.is_set():
+            while self._is_wanted():
                 self._read()
         except DeviceError as error:
             self._lost(error)

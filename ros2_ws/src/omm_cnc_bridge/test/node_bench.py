@@ -1,5 +1,6 @@
 """The node as a process over ROS, and a node of the test's that hears it and plays the camera."""
 
+import signal
 import subprocess
 import sys
 import time
@@ -82,3 +83,13 @@ def start_bridge(**parameters) -> "subprocess.Popen[str]":
     words = [w for k, v in parameters.items() for w in ("-p", f"{k}:={v}")]
     command = [sys.executable, "-c", NODE, "--ros-args", *words]
     return subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+
+
+def end(process: "subprocess.Popen[str]", patience_s: float = 5.0) -> float:
+    """Ctrl-C; the node must end cleanly. Returns how long it took, s."""
+    asked = time.monotonic()
+    process.send_signal(signal.SIGINT)
+    _, text = process.communicate(timeout=patience_s)
+    assert process.returncode == 0, text
+    assert "Traceback" not in text, text
+    return time.monotonic() - asked

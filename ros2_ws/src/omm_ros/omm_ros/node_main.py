@@ -5,6 +5,7 @@ import sys
 from collections.abc import Callable
 
 import rclpy
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.executors import (
     ExternalShutdownException,
     MultiThreadedExecutor,
@@ -52,6 +53,10 @@ def run_node(
         executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
+    except RCLError:
+        if rclpy.ok():
+            raise
+        return 0  # told to end while a callback was publishing
     except InputError as error:
         return _failed(node, error, 2)
     except OmmError as error:
