@@ -80,6 +80,11 @@ def _unshare() -> list[str]:
     return ["unshare", *user, *_NAMESPACES, "--fork", "--kill-child", "--mount-proc"]
 
 
+def _ourselves() -> list[str]:
+    """To be allowed to mount a user is root in there; what then runs is to be who the user is."""
+    return ["unshare", "--user", f"--map-user={os.getuid()}", f"--map-group={os.getgid()}"]
+
+
 class LinuxCncCell:
     """A running LinuxCNC; to be used in a ``with`` statement.
 
@@ -178,17 +183,7 @@ class LinuxCncCell:
 
     def pids(self, name: str) -> list[int]:
         """Processes of this LinuxCNC by name: milltask, rtapi_app, stay_alive.sh."""
-        ours = f"HOME={self.folder}".encode()
-        found = []
-        for entry in Path("/proc").iterdir():
-            try:
-                if not entry.name.isdigit() or (entry / "comm").read_text().strip() != name:
-                    continue
-                if ours in (entry / "environ").read_bytes().split(b"\0"):
-                    found.append(int(entry.name))
-            except OSError:
-                continue  # it ended while we looked, or is another user's
-        return found
+        return pids_at(self.folder, name)
 
     def _command(self) -> list[str]:
         start = ["/bin/sh", str(self.folder / "start.sh"), str(self._ini)]
@@ -197,17 +192,17 @@ class LinuxCncCell:
             return [*start, *linuxcnc]
         if os.getuid() == 0:
             return [*_unshare(), *start, *linuxcnc]
-        # To be allowed to mount we are root in there; LinuxCNC is to be who we are.
-        ourselves = [f"--map-user={os.getuid()}", f"--map-group={os.getgid()}"]
-        return [*_unshare(), *start, "unshare", "--user", *ourselves, *linuxcnc]
+        return [*_unshare(), *start, *_ourselves(), *linuxcnc]
 
     def _enter(self) -> list[str]:
         """What makes a command run where LinuxCNC does."""
-        pids = self.pids("milltask")
+        pids = self.pids("sh")
         if not (self.isolated and pids):
             return []
-        user = [] if os.getuid() == 0 else ["--user", "--preserve-credentials"]
-        return ["nsenter", f"--target={pids[0]}", *user, *_NAMESPACES]
+        enter = ["nsenter", f"--target={min(pids)}", *_NAMESPACES]
+        if os.getuid() == 0:
+            return enter
+        return [*enter, "--user", "--preserve-credentials"]
 
     def _write_reader(self) -> None:
         """The command that reads it: a file, because with each start there is another to enter."""
@@ -268,12 +263,33 @@ class DemoLinuxCnc(SimulatedLinuxCnc):
         self._reader = self._cell.reader
         super().connect()
 
+    @property
+    def folder(self) -> Path:
+        """Where this LinuxCNC lives while it is connected."""
+        assert self._cell is not None
+        return self._cell.folder
+
     def close(self) -> None:
         super().close()
         cell, self._cell = self._cell, None
         if cell is not None:
             cell.stop()
             shutil.rmtree(cell.folder, ignore_errors=True)
+
+
+def pids_at(folder: Path, name: str) -> list[int]:
+    """Processes by name of the LinuxCNC that lives in a folder."""
+    home = f"HOME={folder}".encode()
+    found = []
+    for entry in Path("/proc").iterdir():
+        try:
+            if not entry.name.isdigit() or (entry / "comm").read_text().strip() != name:
+                continue
+            if home in (entry / "environ").read_bytes().split(b"\0"):
+                found.append(int(entry.name))
+        except OSError:
+            continue  # it ended while we looked, or is another user's
+    return found
 
 
 def remove_stale_folders() -> None:

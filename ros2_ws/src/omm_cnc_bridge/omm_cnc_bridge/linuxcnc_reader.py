@@ -60,8 +60,12 @@ class Alive:
             raise Lost(f"LinuxCNC runs without {', '.join(missing)}")
         self._ran = {name: (0, time.monotonic()) for name in names}
 
-    def check(self) -> None:
-        """Raises Lost where LinuxCNC ended, was started anew, or stands still."""
+    def check(self, *, polled: bool) -> None:
+        """Raises Lost where LinuxCNC ended, was started anew, or stands still.
+
+        A process that a busy machine lets wait for its turn is not lost, except where what is
+        ``polled`` would be taken for news meanwhile.
+        """
         now = time.monotonic()
         if _status_memory() != self._shm:
             raise Lost("LinuxCNC has ended or was started anew")
@@ -72,12 +76,13 @@ class Alive:
             before_ns, since = self._ran[name]
             if ran_ns != before_ns:
                 self._ran[name] = (ran_ns, now)
-            elif now - since > LIVENESS_LIMIT_S:
+            elif now - since > LIVENESS_LIMIT_S and (polled or not _waits_its_turn(pid or 0)):
                 raise Lost(f"LinuxCNC's {name} does not run any more")
 
     def environment(self) -> dict[str, str]:
         """LinuxCNC's own RTAPI settings and HOME (for its tool data): reading it needs the same."""
-        with open(f"/proc/{self._pids['rtapi_app']}/environ", "rb") as file:
+        # Not rtapi_app's: it has been root, which hides its environment from an ordinary user.
+        with open(f"/proc/{self._pids['milltask']}/environ", "rb") as file:
             entries = file.read().decode(errors="replace").split("\0")
         return dict(e.split("=", 1) for e in entries if e.startswith(("RTAPI_", "HOME=")))
 
@@ -125,6 +130,18 @@ def _run_time_ns(pid: int) -> int | None:
     except (OSError, ValueError):
         return None
     return total
+
+
+def _waits_its_turn(pid: int) -> bool:
+    """Whether a process would run if the machine let it."""
+    try:
+        for thread in os.listdir(f"/proc/{pid}/task"):
+            with open(f"/proc/{pid}/task/{thread}/stat") as file:
+                if file.read().rpartition(")")[2].split()[0] == "R":
+                    return True
+    except OSError:
+        return False  # it has ended
+    return False
 
 
 class Sampler:
@@ -214,7 +231,7 @@ class Reader:
             ready, _, _ = select.select(inputs, [], [], max(0.0, status_due - time.monotonic()))
             now = time.monotonic()
             if now >= liveness_due:
-                self._alive.check()
+                self._alive.check(polled=self._sampler is None)
                 liveness_due = now + LIVENESS_PERIOD_S
             if 0 in ready:
                 self._commands()

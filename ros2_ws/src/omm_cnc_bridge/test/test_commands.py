@@ -32,7 +32,7 @@ def linuxcnc(cell) -> dict[str, object]:
 
 
 def connected(bench) -> bool:
-    return bool(bench.states) and bench.states[-1].connection == 2 and len(bench.poses) > 0
+    return bool(bench.states) and bench.states[-1].mode != 0 and len(bench.poses) > 0
 
 
 @needs_linuxcnc

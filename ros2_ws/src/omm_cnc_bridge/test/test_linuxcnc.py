@@ -57,12 +57,14 @@ def read(control, seconds: float, until: Callable[[ControlSample], bool] = lambd
     return samples
 
 
-def mdi(control, text: str) -> None:
-    """Send a block from another thread, as the node's service does, while this one reads."""
+def mdi(control, text: str) -> list[ControlSample]:
+    """Have a block done from another thread, as the node does; what was read meanwhile."""
     thread = threading.Thread(target=control.mdi, args=(text,))
     thread.start()
+    samples: list[ControlSample] = []
     while thread.is_alive():
-        control.read(0.02)
+        samples += control.read(0.02)
+    return samples
 
 
 def is_settled(sample: ControlSample) -> bool:
@@ -93,8 +95,8 @@ def test_in_position_comes_before_the_axis_has_arrived_and_the_bridge_waits(cont
     read(control, 3.0, is_settled)
     mdi(control, "G53 G1 F10000 X0 Y0 Z100")
     read(control, 1.0)
-    mdi(control, "G53 G1 F10000 X50 Y0 Z100")
-    samples = read(control, 6.0)
+    samples = mdi(control, "G53 G1 F10000 X50 Y0 Z100")
+    samples += read(control, 2.0)
     judge = Judge(
         Machine.load(MACHINES / "three_axis_mill.urdf"),
         StandStillLimits(tolerance_mm=0.005, dwell_ns=200_000_000),
