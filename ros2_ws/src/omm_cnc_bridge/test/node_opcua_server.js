@@ -1,9 +1,11 @@
 // An OPC UA server that is not asyncua's: node-opcua with the CNC nodeset (OPC 40502).
-// node node_opcua_server.js PORT; prints "ready", then moves X by 0.1 mm every 10 ms.
+// node node_opcua_server.js PORT [MIN_SAMPLE_MS]; prints "ready", then moves X by 0.1 mm every 10 ms.
+// By itself it reports a value every 50 ms at most; MIN_SAMPLE_MS 0 lets it report every change.
 const { OPCUAServer, DataType, StatusCodes, standardUnits } = require("node-opcua");
 const { nodesets } = require("node-opcua-nodesets");
 
 const port = Number(process.argv[2]);
+const fastest = process.argv[3];
 const AXES = ["X", "Y", "Z"];
 
 async function main() {
@@ -12,6 +14,7 @@ async function main() {
     host: "127.0.0.1",
     nodeset_filename: [nodesets.standard, nodesets.cnc],
     serverInfo: { applicationUri: "urn:omm:test" },
+    ...(fastest === undefined ? {} : { serverCapabilities: { minSupportedSampleRate: Number(fastest) } }),
   });
   await server.initialize();
   const space = server.engine.addressSpace;

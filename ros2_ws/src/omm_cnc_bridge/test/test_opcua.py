@@ -1,10 +1,7 @@
 """The OPC UA adapter against servers over real connections: asyncua's, and node-opcua's."""
 
 import math
-import os
-import shutil
 import socket
-import subprocess
 import time
 from pathlib import Path
 
@@ -16,6 +13,7 @@ from omm_core.errors import DeviceError, InputError
 pytest.importorskip("asyncua", reason="asyncua is not installed")
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 
+import node_opcua  # noqa: E402
 from opcua_server import OpcUaTestServer  # noqa: E402
 
 from omm_cnc_bridge.control import Mode, ProgramState  # noqa: E402
@@ -197,47 +195,41 @@ def test_signed_and_encrypted_with_basic256sha256(tmp_path):
     assert samples
 
 
-def _node_environment() -> dict[str, str]:
-    found = subprocess.run(["npm", "root", "-g"], capture_output=True, text=True, check=False)
-    return {"NODE_PATH": found.stdout.strip(), **os.environ}
+needs_node_opcua = pytest.mark.skipif(
+    not node_opcua.is_installed(),
+    reason="node-opcua is not installed (npm install -g node-opcua node-opcua-nodesets)",
+)
 
 
-def _has_node_opcua() -> bool:
-    if shutil.which("node") is None or shutil.which("npm") is None:
-        return False
-    command = [
-        "node",
-        "-e",
-        "require.resolve('node-opcua'); require.resolve('node-opcua-nodesets')",
-    ]
-    done = subprocess.run(command, env=_node_environment(), capture_output=True, check=False)
-    return done.returncode == 0
-
-
-@pytest.fixture
-def node_server():
-    if not _has_node_opcua():
-        pytest.skip("node-opcua is not installed (npm install -g node-opcua node-opcua-nodesets)")
+def heard_of_node_opcua(*options: str):
+    """Samples of three seconds, and the interval that the control believes in."""
     port = free_port()
-    script = str(Path(__file__).with_name("node_opcua_server.js"))
-    with subprocess.Popen(
-        ["node", script, str(port)], env=_node_environment(), stdout=subprocess.PIPE, text=True
-    ) as process:
-        assert "ready\n" in process.stdout  # reads until then; node-opcua has other things to say
-        yield f"opc.tcp://127.0.0.1:{port}"
-        process.kill()
+    with node_opcua.node_opcua_server(port, *options):
+        control = OpcUaControl(f"opc.tcp://127.0.0.1:{port}", rate_hz=100)
+        control.connect()
+        try:
+            read(control, 4.0)
+            return read(control, 3.0), control.revised_interval_s
+        finally:
+            control.close()
 
 
-def test_an_independent_server_with_the_cnc_nodeset(node_server):
-    """node-opcua's, with OPC 40502's own types; it revises 10 ms to 50 ms."""
-    control = OpcUaControl(node_server, rate_hz=100)
-    control.connect()
-    try:
-        read(control, 4.0)
-        samples = read(control, 3.0)
-        interval_s = control.revised_interval_s
-    finally:
-        control.close()
+@needs_node_opcua
+def test_an_independent_server_that_can_gives_every_change():
+    """Asked for 10 ms it would give 50 ms; asked for its fastest it reports what changes."""
+    samples, interval_s = heard_of_node_opcua("0")
+    assert len(samples) > 150
+    assert interval_s < 0.02
+    stamps = [s.stamp_ns for s in samples]
+    assert np.all(np.diff(stamps) > 0)
+    speeds = np.diff([s.positions["X"] for s in samples]) / (np.diff(stamps) / 1e9)
+    assert 5.0 < np.median(speeds) <= 11.0  # 0.1 mm every 10 ms: stamps go with the positions
+
+
+@needs_node_opcua
+def test_an_independent_server_with_the_cnc_nodeset():
+    """node-opcua's as it is, with OPC 40502's own types; it revises 10 ms to 50 ms."""
+    samples, interval_s = heard_of_node_opcua()
     x = [s.positions["X"] for s in samples]
     assert samples[-1].positions.keys() == {"X", "Y", "Z"}
     assert samples[-1].positions["Y"] == 5.0
