@@ -19,4 +19,9 @@ linuxcnc=$!
 while read -r _; do :; done
 while [ ! -s screen.pid ] && kill -0 "$linuxcnc" 2>/dev/null; do sleep 0.1; done
 kill "$(cat screen.pid)"
-wait "$linuxcnc"
+# One that hangs is not waited for: in namespaces of its own, it ends with this script.
+tries=50
+while kill -0 "$linuxcnc" 2>/dev/null && [ "$tries" -gt 0 ]; do
+    sleep 0.1
+    tries=$((tries - 1))
+done

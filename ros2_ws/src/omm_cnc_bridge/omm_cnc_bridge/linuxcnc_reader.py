@@ -39,12 +39,16 @@ class Lost(Exception):
     """LinuxCNC is not there, or no longer the one that was connected to."""
 
 
+class BridgeGone(Exception):
+    """Nobody is there to read for."""
+
+
 def tell(**message: object) -> None:
     """One line to the bridge; it goes out at once."""
     try:
         os.write(1, json.dumps(message, separators=(",", ":")).encode() + b"\n")
-    except BrokenPipeError:
-        os._exit(0)  # the bridge has gone
+    except BrokenPipeError as error:
+        raise BridgeGone from error
 
 
 class Alive:
@@ -156,6 +160,10 @@ class Sampler:
         self._rest = b""
         self._heard = self._start = time.monotonic()
 
+    def close(self) -> None:
+        """End the tool; by itself it would notice only with the next sample."""
+        self._process.terminate()
+
     def read(self) -> None:
         """Pass on what has come; at the start, throw away what the buffer still held."""
         data = os.read(self.fd, 1 << 16)
@@ -243,6 +251,10 @@ class Reader:
             if self._sampler:
                 self._sampler.check(now)
 
+    def close(self) -> None:
+        if self._sampler is not None:
+            self._sampler.close()
+
     def _hello(self) -> None:
         s = self._stat
         config = self._linuxcnc.ini(s.ini_filename)
@@ -317,7 +329,7 @@ class Reader:
     def _commands(self) -> None:
         data = os.read(0, 1 << 16)
         if not data:
-            os._exit(0)  # the bridge has gone
+            raise BridgeGone
         *lines, self._input = (self._input + data).split(b"\n")
         for line in lines:
             command = json.loads(line)
@@ -383,13 +395,19 @@ def main() -> None:
     parser.add_argument("--python-path", default="/usr/lib/python3/dist-packages")
     options = parser.parse_args()
     sys.path.append(options.python_path)
+    reader = None
     try:
-        Reader(options).run()
+        reader = Reader(options)
+        reader.run()
+    except BridgeGone:
+        return
     except Lost as lost:
         tell(lost=str(lost))
     except Exception as error:
         tell(lost=f"reading LinuxCNC failed: {error!r}")
     finally:
+        if reader is not None:
+            reader.close()
         os._exit(0)
 
 

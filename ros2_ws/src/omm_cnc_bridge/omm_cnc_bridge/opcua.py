@@ -54,7 +54,7 @@ class OpcUaControl:
     def __init__(
         self, url: str, *, rate_hz: float, mapping_file: str = "", security: Security | None = None
     ) -> None:
-        logging.getLogger("asyncua").setLevel(logging.ERROR)  # it warns of every revised interval
+        logging.getLogger("asyncua").setLevel(logging.CRITICAL)  # what it logs we tell ourselves
         self.clock = ControlClock()
         self._url, self._rate_hz = url, rate_hz
         self._mapping = load_mapping(Path(mapping_file)) if mapping_file else Mapping40502()

@@ -10,7 +10,8 @@ from pathlib import Path
 
 
 @functools.cache
-def _environment() -> dict[str, str]:
+def environment() -> dict[str, str]:
+    """In which node finds what was installed globally."""
     found = subprocess.run(["npm", "root", "-g"], capture_output=True, text=True, check=False)
     return {"NODE_PATH": found.stdout.strip(), **os.environ}
 
@@ -20,21 +21,20 @@ def is_installed() -> bool:
     if shutil.which("node") is None or shutil.which("npm") is None:
         return False
     look = "require.resolve('node-opcua'); require.resolve('node-opcua-nodesets')"
-    done = subprocess.run(
-        ["node", "-e", look], env=_environment(), capture_output=True, check=False
-    )
+    done = subprocess.run(["node", "-e", look], env=environment(), capture_output=True, check=False)
     return done.returncode == 0
+
+
+def command(port: int, *options: str) -> list[str]:
+    """What starts the server."""
+    return ["node", str(Path(__file__).with_name("node_opcua_server.js")), str(port), *options]
 
 
 @contextlib.contextmanager
 def node_opcua_server(port: int, *options: str) -> "Iterator[subprocess.Popen[str]]":
     """The running server; see the script for the options."""
-    script = str(Path(__file__).with_name("node_opcua_server.js"))
     with subprocess.Popen(
-        ["node", script, str(port), *options],
-        env=_environment(),
-        stdout=subprocess.PIPE,
-        text=True,
+        command(port, *options), env=environment(), stdout=subprocess.PIPE, text=True
     ) as process:
         assert process.stdout is not None
         assert "ready\n" in process.stdout  # reads until then; node-opcua has other things to say
