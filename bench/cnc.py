@@ -1,11 +1,14 @@
-"""The CNC bridge's adapters: rate, age of a sample when the bridge has it, cost.
+"""The CNC bridge as a node: poses per second, how old they are when others have them, cost.
 
     ./omm exec python bench/cnc.py [--seconds S] [--json OUT]
 
-Each adapter is heard over a real connection while X moves: LinuxCNC itself (where it is installed),
-an OPC UA server (asyncua) and an MTConnect agent, each in a process of its own. The age is that of
-the position when it comes out of the adapter: the pose is published some 0.1 ms later. What the
-stamps are worth is told beside it (standard deviation that the clock relation admits).
+Each control is in a process of its own and moves X all the time: LinuxCNC itself (where it is
+installed), two OPC UA servers (asyncua's; node-opcua's with the CNC nodeset, where it is installed)
+and an MTConnect agent. The bridge is a process too; this one subscribes to /cnc/spindle_pose.
+"published" is the pose's age (against its own stamp) when the bridge publishes it, as its own
+diagnostics tell; "here" its age when it has come here over DDS. What the stamps are worth is told
+beside it (median standard deviation that the clock relation admits), and the bridge's processor
+time with its children's.
 """
 
 from __future__ import annotations
@@ -13,182 +16,145 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
-import multiprocessing
-import socket
+import os
+import platform
 import sys
 import tempfile
-import threading
-import time
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-
-from omm_cnc_bridge.control import Control
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "ros2_ws/src/omm_cnc_bridge/test"))
 WARM_UP_S = 5.0
+COLUMNS = {
+    "poses_per_s": "poses/s",
+    "largest_gap_ms": "gap max ms",
+    "published_p50_ms": "published p50 ms",
+    "published_p99_ms": "p99 ms",
+    "here_p50_ms": "here p50 ms",
+    "here_p99_ms": "p99 ms",
+    "stamp_sigma_ms": "stamp ± ms",
+    "cpu_percent": "CPU %",
+}
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description="Benchmark of the CNC bridge's adapters.")
+    parser = argparse.ArgumentParser(description="Benchmark of the CNC bridge.")
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--json", type=Path)
     args = parser.parse_args()
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    os.environ["ROS_DOMAIN_ID"] = str(10 + os.getpid() % 90)
+    print(f"{os.cpu_count()} × {_processor()}, load {os.getloadavg()[0]:.1f}, Python "
+          f"{platform.python_version()}, {args.seconds:g} s each\n")  # fmt: skip
+    print(f"| control | {' | '.join(COLUMNS.values())} |")
+    print("|---" * (len(COLUMNS) + 1) + "|")
     rows = []
-    units = ("rate/s", "gap max ms", "age p50 ms", "age p99 ms", "stamp ± ms", "CPU %")
-    print(f"{'adapter':<22}" + "".join(f"{unit:>12}" for unit in units))
-    for name, adapter in ADAPTERS.items():
-        with adapter() as control:
-            if control is None:
-                print(f"{name:<22}  not installed here")
+    with tempfile.TemporaryDirectory() as folder:
+        for name, make in _controls(Path(folder)).items():
+            peer = make()
+            if peer is None:
+                print(f"| {name} | not installed here |")
                 continue
-            row = measure(control, args.seconds)
-        rows.append({"adapter": name, **row})
-        print(f"{name:<22}" + "".join(f"{v:>12.2f}" for v in row.values()))
+            row = measure(peer, args.seconds)
+            rows.append({"control": name, **row})
+            print(f"| {name} | {' | '.join(f'{row[key]:.2f}' for key in COLUMNS)} |", flush=True)
     if args.json:
         args.json.write_text(json.dumps(rows, indent=1) + "\n")
     return 0
 
 
-def measure(control: Control, seconds: float) -> dict[str, float]:
-    """Read for some time; ages against the system clock, which all peers share here."""
-    ages, stamps, sigmas = [], [], []
-    end = time.monotonic() + WARM_UP_S
-    while time.monotonic() < end:
-        control.read(0.05)
-    end, cpu = time.monotonic() + seconds, time.process_time()
-    while time.monotonic() < end:
-        samples = control.read(0.05)
-        now_ns = time.time_ns()
-        ages += [now_ns - s.stamp_ns for s in samples]
-        stamps += [s.stamp_ns for s in samples]
-        sigmas += [s.stamp_uncertainty_ns for s in samples]
-    cpu = time.process_time() - cpu
+class SimulatedCell:
+    """The bridge's own simulated control: no peer is needed."""
+
+    parameters: dict[str, Any] = {"control": "simulated", "repetitions": 100}  # noqa: RUF012
+
+    def start(self) -> None:
+        """Nothing to start."""
+
+    def stop(self) -> None:
+        """Nothing to stop."""
+
+
+def _controls(folder: Path) -> dict[str, Callable[[], Any]]:
+    import node_opcua
+    import peers
+
+    from omm_cnc_bridge.linuxcnc_cell import is_installed
+
+    def linuxcnc(poll: bool) -> Any:
+        return peers.LinuxCnc(folder / f"poll_{poll}", poll=poll) if is_installed() else None
+
     return {
-        "rate_hz": len(stamps) / seconds,
-        "largest_gap_ms": float(np.max(np.diff(stamps))) / 1e6,
-        "age_p50_ms": float(np.percentile(ages, 50)) / 1e6,
-        "age_p99_ms": float(np.percentile(ages, 99)) / 1e6,
-        "stamp_sigma_ms": float(np.median(sigmas)) / 1e6,
-        "cpu_percent": 100.0 * cpu / seconds,
+        "simulated": SimulatedCell,
+        "LinuxCNC (sampler)": lambda: linuxcnc(False),
+        "LinuxCNC (polled)": lambda: linuxcnc(True),
+        "OPC UA (asyncua)": peers.OpcUa,
+        "OPC UA (node-opcua)": lambda: peers.NodeOpcUa() if node_opcua.is_installed() else None,
+        "MTConnect": peers.MtConnect,
     }
 
 
-@contextlib.contextmanager
-def connected(control: Control) -> Iterator[Control]:
-    control.connect()
+def measure(peer: Any, seconds: float) -> dict[str, float]:
+    """Run the bridge on a control for some time and hear it."""
+    from node_bench import Bench, end, start_bridge
+
+    bench = Bench(int(os.environ["ROS_DOMAIN_ID"]))
+    process = None
     try:
-        yield control
+        peer.start()
+        process = start_bridge(**peer.parameters)
+        assert bench.spin(30.0, lambda: len(bench.poses) > 100), "no poses"
+        bench.spin(WARM_UP_S)
+        for heard in (bench.heard_ns, bench.poses, bench.states):
+            heard.clear()
+        cpu_s = _cpu_s(process.pid)
+        bench.spin(seconds)
+        cpu_s = _cpu_s(process.pid) - cpu_s
+        poses, heard_ns, states = list(bench.poses), list(bench.heard_ns), list(bench.states)
+        published = {v.key: v.value for v in bench.diagnostics["cnc_bridge: poses"].values}
+        end(process)
     finally:
-        control.close()
+        if process is not None and process.poll() is None:
+            process.kill()
+            process.communicate()
+        peer.stop()
+        bench.close()
+    stamps = np.array([p.header.stamp.sec * 10**9 + p.header.stamp.nanosec for p in poses])
+    ages_ms = (np.array(heard_ns) - stamps) / 1e6
+    return {
+        "poses_per_s": len(stamps) / seconds,
+        "largest_gap_ms": float(np.max(np.diff(stamps))) / 1e6,
+        "published_p50_ms": float(published["age p50 [ms]"]),
+        "published_p99_ms": float(published["age p99 [ms]"]),
+        "here_p50_ms": float(np.percentile(ages_ms, 50)),
+        "here_p99_ms": float(np.percentile(ages_ms, 99)),
+        "stamp_sigma_ms": float(np.median([s.stamp_uncertainty for s in states])) * 1e3,
+        "cpu_percent": 100.0 * cpu_s / seconds,
+    }
 
 
-@contextlib.contextmanager
-def simulated() -> Iterator[Control]:
-    from omm_cnc_bridge.simulated import SimulatedCellControl
-    from omm_simulation.cell import draw
-    from omm_simulation.scenario import load_scenario
-
-    made = SimulatedCellControl(draw(load_scenario("bench"), 1), rate_hz=100)
-    with connected(made) as control:
-        made.start_program()
-        yield control
-
-
-@contextlib.contextmanager
-def linuxcnc(poll: bool) -> Iterator[Control | None]:
-    from omm_cnc_bridge.linuxcnc import LinuxCncControl
-    from omm_cnc_bridge.linuxcnc_cell import LinuxCncCell, is_installed
-
-    if not is_installed():
-        yield None
-        return
-    with tempfile.TemporaryDirectory() as folder, LinuxCncCell("three_axis_mill", Path(folder)):
-        made = LinuxCncControl(rate_hz=100, poll=poll)
-        with connected(made) as control:
-            threading.Thread(target=_move_slowly, args=(made,), daemon=True).start()
-            yield control
+def _cpu_s(pid: int) -> float:
+    """Processor time of a process and of those that it started."""
+    processes = {}
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):  # it ended while we looked
+            words = path.read_text().rpartition(")")[2].split()
+            processes[int(path.parent.name)] = (int(words[1]), sum(map(int, words[11:13])))
+    family, size = {pid}, 0
+    while len(family) > size:
+        size = len(family)
+        family |= {child for child, (parent, _) in processes.items() if parent in family}
+    return sum(processes[p][1] for p in family) / os.sysconf("SC_CLK_TCK")
 
 
-def _move_slowly(control) -> None:  # type: ignore[no-untyped-def]
-    control.mdi("G53 G1 F1200 X2000 Y0 Z0")  # 20 mm/s for longer than any run
+def _processor() -> str:
+    lines = Path("/proc/cpuinfo").read_text().splitlines()
+    return next((x.split(": ", 1)[1] for x in lines if x.startswith("model name")), "processor")
 
-
-@contextlib.contextmanager
-def in_process(target, *arguments) -> Iterator[None]:  # type: ignore[no-untyped-def]
-    context = multiprocessing.get_context("spawn")
-    ready = context.Event()
-    process = context.Process(target=target, args=(ready, *arguments), daemon=True)
-    process.start()
-    try:
-        assert ready.wait(60.0), "the server did not start"
-        yield
-    finally:
-        process.terminate()
-        process.join()
-
-
-def serve_opcua(ready, port: int) -> None:  # type: ignore[no-untyped-def]
-    from opcua_server import OpcUaTestServer  # type: ignore[import-not-found]
-
-    with OpcUaTestServer(port) as server:
-        ready.set()
-        while True:
-            time.sleep(0.005)
-            for values in (server.positions, server.commanded):
-                values["X"] += 0.1
-
-
-def serve_mtconnect(ready, port: int) -> None:  # type: ignore[no-untyped-def]
-    from mtconnect_agent import GOOD, Agent  # type: ignore[import-not-found]
-
-    with Agent(version="2.2", port=port) as agent:
-        agent.tell(**GOOD)
-        ready.set()
-        x = 0.0
-        while True:
-            time.sleep(0.01)
-            x += 0.1
-            agent.tell(xa=x, xc=x)
-
-
-@contextlib.contextmanager
-def opcua() -> Iterator[Control]:
-    from omm_cnc_bridge.opcua import OpcUaControl
-
-    port = _free_port()
-    with in_process(serve_opcua, port):
-        made = OpcUaControl(f"opc.tcp://127.0.0.1:{port}/cnc", rate_hz=100)
-        with connected(made) as control:
-            yield control
-
-
-@contextlib.contextmanager
-def mtconnect() -> Iterator[Control]:
-    from omm_cnc_bridge.mtconnect import MtConnectControl
-
-    port = _free_port()
-    with in_process(serve_mtconnect, port):
-        made = MtConnectControl(f"http://127.0.0.1:{port}", rate_hz=100)
-        with connected(made) as control:
-            yield control
-
-
-def _free_port() -> int:
-    with socket.socket() as s:
-        s.bind(("127.0.0.1", 0))
-        return int(s.getsockname()[1])
-
-
-ADAPTERS = {
-    "simulated": simulated,
-    "linuxcnc (sampler)": lambda: linuxcnc(poll=False),
-    "linuxcnc (polled)": lambda: linuxcnc(poll=True),
-    "opcua": opcua,
-    "mtconnect": mtconnect,
-}
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -13,6 +13,7 @@ from omm_interfaces.srv import Mdi, TriggerImage
 from std_srvs.srv import Trigger
 
 from omm_ros import qos
+from omm_ros.conversions import stamp_ns
 
 NODE = "import sys; from omm_cnc_bridge.node import main; sys.exit(main())"
 
@@ -27,17 +28,23 @@ class Bench:
         self._executor = rclpy.executors.SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)
         self.poses, self.truth, self.states = [], [], []
+        self.heard_ns = []  # when each of the poses came
         self.triggered = 0
+        self.images_ns = []
         self.diagnostics = {}
         self.camera_works = True
         n = self.node
-        n.create_subscription(PoseStamped, "/cnc/spindle_pose", self.poses.append, qos.POSE)
+        n.create_subscription(PoseStamped, "/cnc/spindle_pose", self._on_pose, qos.POSE)
         n.create_subscription(
             PoseStamped, "/simulation/true_spindle_pose", self.truth.append, qos.POSE
         )
         n.create_subscription(SpindleState, "/cnc/state", self.states.append, qos.STATE)
         n.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
         n.create_service(TriggerImage, "/camera/trigger", self._on_trigger)
+
+    def _on_pose(self, message) -> None:
+        self.heard_ns.append(time.time_ns())
+        self.poses.append(message)
 
     def _on_diagnostics(self, message) -> None:
         self.diagnostics |= {status.name: status for status in message.status}
@@ -46,6 +53,7 @@ class Bench:
         self.triggered += 1
         response.success, response.message = self.camera_works, "out of light"
         response.stamp = self.node.get_clock().now().to_msg()
+        self.images_ns.append(stamp_ns(response.stamp))
         return response
 
     def spin(self, seconds: float, until=lambda: False) -> bool:
