@@ -25,6 +25,7 @@ import select
 import subprocess
 import sys
 import time
+from typing import Any
 
 STATUS_KEY = 1002  # of NML's status buffer, in linuxcnc.nml
 STALL_S = 2.0  # half of what the sampler's buffer holds
@@ -225,7 +226,7 @@ class Reader:
         self._was_running = False
         self._input = b""
         self._block: tuple[int, int] | None = None  # MDI under way: the bridge's number, LinuxCNC's
-        self._errors: object = None
+        self._errors: Any = None
         self._angle: float | None = None
         self._angle_due = 0.0
         self._image: tuple[float, float, float] = (0.0, 0.0, 0.0)
