@@ -16,7 +16,9 @@ import yaml
 from omm_core.errors import InputError
 
 AXIS_ITEMS = ("position", "commanded", "status", "referenced")
-CHANNEL_ITEMS = ("mode", "program_status", "program", "program_line", "measure_request")
+CHANNEL_ITEMS = (
+    "mode", "program_status", "program", "program_line", "measure_request", "spindle_angle"
+)  # fmt: skip
 UNITS = {"mm": 1.0, "m": 1000.0, "inch": 25.4, "rad": 1.0, "deg": 0.017453292519943295}
 
 

@@ -64,6 +64,7 @@ class Session:
         self._keys: dict[ua.NodeId, _Key] = {}
         self._scales: dict[str, float] = {}
         self._rest_values: dict[str, int] = {}
+        self._per_angle = UNITS["deg"]
         self._values: dict[_Key, Any] = {}
         self._bad: dict[_Key, str] = {}
         self._gathered: list[tuple[int, _Key, ua.DataValue]] = []
@@ -131,17 +132,33 @@ class Session:
             )
 
     async def _interval_to_ask_for(self, subscription: Any, nodes: dict[_Key, Node]) -> float:
-        """Ours; 0, the fastest that the server can, from one that revises ours to a longer one.
+        """Ours; 0, the fastest that the server can, where it revises ours upwards but 0 less.
 
-        Some servers sample no faster than by a timer of theirs, but report every change when asked
-        for 0 (OPC 10000-4, 5.12.1.2). Others would flood us then.
+        Such a server samples by slow timers, or reports every change (OPC 10000-4, 5.12.1.2).
+        Others could flood us when asked for 0.
         """
         interval_ms = self._interval_s * 1e3
         trial = next(node for (_, item), node in nodes.items() if item == "position")
-        handle = await subscription._subscribe(trial, sampling_interval=interval_ms)
-        (result,) = await subscription.modify_monitored_item(handle, interval_ms, 1)
-        await subscription.unsubscribe(handle)
-        return 0.0 if result.RevisedSamplingInterval > 1.5 * interval_ms else interval_ms
+        items = [
+            subscription._make_monitored_item_request(
+                trial, ua.AttributeIds.Value, None, 1, ua.MonitoringMode.Disabled, asked_ms
+            )
+            for asked_ms in (interval_ms, 0.0)
+        ]
+        made = await subscription.server.create_monitored_items(
+            ua.CreateMonitoredItemsParameters(
+                SubscriptionId=subscription.subscription_id, ItemsToCreate=items
+            )
+        )
+        await subscription.server.delete_monitored_items(
+            ua.DeleteMonitoredItemsParameters(
+                SubscriptionId=subscription.subscription_id,
+                MonitoredItemIds=[item.MonitoredItemId for item in made],
+            )
+        )
+        revised_ms = [item.RevisedSamplingInterval for item in made]
+        ours_ms, fastest_ms = revised_ms
+        return 0.0 if ours_ms > 1.5 * interval_ms and fastest_ms < ours_ms else interval_ms
 
     # --- finding nodes -------------------------------------------------------------------------
 
@@ -224,14 +241,24 @@ class Session:
         return nodes
 
     async def _channel_nodes(self) -> dict[_Key, Node]:
+        found: dict[_Key, Node | None] = {}
         if self._mapping.axes:
-            return {("", item): await self._find(p) for item, p in self._mapping.channel.items()}
-        channels = await _child(await self._interface(), "CncChannelList")
-        objects = await channels.get_children(nodeclassmask=ua.NodeClass.Object) if channels else []
-        if not objects:
-            return {}
-        found = {("", item): await _child(objects[0], n) for item, n in _CHANNEL_NAMES.items()}
-        return {key: node for key, node in found.items() if node is not None}
+            for item, path in self._mapping.channel.items():
+                found["", item] = await self._find(path)
+        else:
+            interface = await self._interface()
+            if channel := await _first(interface, "CncChannelList"):
+                for item, name in _CHANNEL_NAMES.items():
+                    found["", item] = await _child(channel, name)
+            if spindle := await _first(interface, "CncSpindleList"):
+                found["", "spindle_angle"] = await _child(spindle, "AnglePos")
+        nodes = {key: node for key, node in found.items() if node is not None}
+        angle = nodes.get(("", "spindle_angle"))
+        if angle is not None:
+            actual = await _child(angle, "ActPos") or angle
+            nodes["", "spindle_angle"] = actual
+            self._per_angle = UNITS[await _unit(actual) or await _unit(angle) or "deg"]
+        return nodes
 
     # --- what comes ----------------------------------------------------------------------------
 
@@ -327,6 +354,7 @@ class Session:
                 program=str(v.get(("", "program")) or ""),
                 program_line=_line(v.get(("", "program_line"))),
                 measure_request=int(request) if request else None,
+                spindle_angle_rad=self._spindle_angle_rad(),
             )
         )
 
@@ -344,6 +372,10 @@ class Session:
             if self._values.get((axis, "commanded")) is not None:
                 commanded[axis] = self._values[axis, "commanded"] * scale
         return measured, commanded
+
+    def _spindle_angle_rad(self) -> float:
+        value = self._values.get(("", "spindle_angle"))
+        return math.nan if value is None else getattr(value, "ActPos", value) * self._per_angle
 
     def _in_position(self) -> bool | None:
         states = [
@@ -370,6 +402,13 @@ async def _child(node: Node, name: str) -> Node | None:
         if browse_name == wanted or (wanted is None and browse_name.Name == name):
             return Node(node.session, reference.NodeId)
     return None
+
+
+async def _first(interface: Node, name: str) -> Node | None:
+    """First object of a list of the interface."""
+    found = await _child(interface, name)
+    objects = await found.get_children(nodeclassmask=ua.NodeClass.Object) if found else []
+    return objects[0] if objects else None
 
 
 async def _unit(node: Node) -> str | None:

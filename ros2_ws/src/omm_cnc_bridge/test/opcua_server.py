@@ -90,6 +90,9 @@ class OpcUaTestServer:
                 self._nodes[name, item] = node
             self._nodes[name, "ActStatus"] = await axis.add_variable(ns, "ActStatus", 0)
             await axis.add_variable(ns, "IsReferenced", True)
+        spindles = await interface.add_object(ns, "CncSpindleList")
+        angle = await (await spindles.add_object(ns, "S1")).add_variable(ns, "AnglePos", 0.0)
+        await angle.add_variable(ns, "ActPos", 45.0)
         channels = await interface.add_object(ns, "CncChannelList")
         channel = await channels.add_object(ns, "1")
         await channel.add_variable(ns, "ActProgramStatus", 1)

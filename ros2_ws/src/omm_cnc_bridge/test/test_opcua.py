@@ -71,6 +71,7 @@ def test_axes_are_found_by_name_with_units_and_state(server, control):
     assert last.in_position is True
     assert (last.mode, last.program_state) == (Mode.AUTOMATIC, ProgramState.RUNNING)
     assert last.program == "measure.mpf"
+    assert last.spindle_angle_rad == pytest.approx(math.radians(45.0))
 
 
 def test_samples_flow_at_rest_and_their_stamps_are_the_sources(server, control):
@@ -124,6 +125,7 @@ def test_request_and_acknowledgement_through_a_mapping(server, tmp_path):
     try:
         server.request = 7
         assert read(control, 5.0, lambda s: s.measure_request == 7)[-1].measure_request == 7
+        assert math.isnan(read(control, 1.0, lambda s: True)[-1].spindle_angle_rad)  # not mapped
         control.acknowledge(7)
         deadline = time.monotonic() + 3
         while server.acknowledged != 7 and time.monotonic() < deadline:
