@@ -12,20 +12,24 @@ SAMPLES = 8
 """Samples of the ring per sector."""
 
 
-@numba.njit(cache=True)
-def sample(image, col, row):  # type: ignore[no-untyped-def]
-    """Bilinear grey value, NaN outside the image."""
-    height, width = image.shape
-    if not (0.0 <= col <= width - 1.001 and 0.0 <= row <= height - 1.001):
-        return math.nan
+@numba.njit(cache=True, error_model="numpy")
+def between(image, col, row):  # type: ignore[no-untyped-def]
+    """Bilinear grey value; the place must be inside the image (see `inside`)."""
     x, y = int(col), int(row)
     fx, fy = col - x, row - y
-    top = (1 - fx) * image[y, x] + fx * image[y, x + 1]
-    bottom = (1 - fx) * image[y + 1, x] + fx * image[y + 1, x + 1]
-    return (1 - fy) * top + fy * bottom
+    top = image[y, x] + fx * (np.int64(image[y, x + 1]) - np.int64(image[y, x]))
+    bottom = image[y + 1, x] + fx * (np.int64(image[y + 1, x + 1]) - np.int64(image[y + 1, x]))
+    return top + fy * (bottom - top)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
+def inside(image, col, row):  # type: ignore[no-untyped-def]
+    """Has a place four pixels around it?"""
+    height, width = image.shape
+    return 0.0 <= col <= width - 1.001 and 0.0 <= row <= height - 1.001
+
+
+@numba.njit(cache=True, error_model="numpy")
 def within_any(conics, count, col, row, ratio):  # type: ignore[no-untyped-def]
     """Lies a point within `ratio` times one of the first `count` ellipses (N, 5)?"""
     for i in range(count):
@@ -36,7 +40,7 @@ def within_any(conics, count, col, row, ratio):  # type: ignore[no-untyped-def]
     return False
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def square_root(xx, xy, yy):  # type: ignore[no-untyped-def]
     """A with A A = M⁻¹ (symmetric): maps the unit circle to the ellipse xᵀ M x = 1."""
     det = xx * yy - xy * xy
@@ -46,7 +50,7 @@ def square_root(xx, xy, yy):  # type: ignore[no-untyped-def]
     return (ixx + s) / t, ixy / t, (iyy + s) / t
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def outline(image, col, row, xx, xy, yy, sign):  # type: ignore[no-untyped-def]
     """Ellipse through the half levels of the dot's edge on rays from its centre.
 
@@ -63,28 +67,30 @@ def outline(image, col, row, xx, xy, yy, sign):  # type: ignore[no-untyped-def]
         rays = OUTLINE_RAYS // 4 if turn == 0 else OUTLINE_RAYS
         begin, end = (0.5, 1.5) if turn == 0 else (0.65, 1.4)
         a11, a12, a22 = square_root(xx, xy, yy)
-        inside = outside = width = 0.0
+        level_in = level_out = width = 0.0
         for i in range(rays):
             angle = 2 * math.pi * i / rays
             c, s = math.cos(angle), math.sin(angle)
             ux, uy = a11 * c + a12 * s, a12 * c + a22 * s
             length = math.sqrt(ux * ux + uy * uy)
+            if not inside(image, col + 1.5 * ux, row + 1.5 * uy):
+                return result, False
             v_in = 0.5 * (
-                sample(image, col + 0.5 * ux, row + 0.5 * uy)
-                + sample(image, col + 0.3 * ux, row + 0.3 * uy)
+                between(image, col + 0.5 * ux, row + 0.5 * uy)
+                + between(image, col + 0.3 * ux, row + 0.3 * uy)
             )
-            v_out = sample(image, col + 1.5 * ux, row + 1.5 * uy)
+            v_out = between(image, col + 1.5 * ux, row + 1.5 * uy)
             if not sign * (v_in - v_out) > 0.0:
                 return result, False
-            inside += v_in / rays
-            outside += v_out / rays
+            level_in += v_in / rays
+            level_out += v_out / rays
             level = 0.5 * (v_in + v_out)
             t, step = begin, max(0.5 / max(length, 1.0), 1.0 / 32.0)
-            before = sign * (sample(image, col + t * ux, row + t * uy) - level)
+            before = sign * (between(image, col + t * ux, row + t * uy) - level)
             found = False
             steepest = 0.0
             while t < end:
-                now = sign * (sample(image, col + (t + step) * ux, row + (t + step) * uy) - level)
+                now = sign * (between(image, col + (t + step) * ux, row + (t + step) * uy) - level)
                 steepest = max(steepest, before - now)
                 if not found and before > 0.0 and now <= 0.0:
                     found = True
@@ -124,11 +130,11 @@ def outline(image, col, row, xx, xy, yy, sign):  # type: ignore[no-untyped-def]
         yy = b21 * i12 + b22 * i22
         col += a11 * du + a12 * dv
         row += a12 * du + a22 * dv
-        result[:] = np.array([col, row, xx, xy, yy, inside, outside, math.sqrt(off), width])
+        result[:] = np.array([col, row, xx, xy, yy, level_in, level_out, math.sqrt(off), width])
     return result, True
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _conic(points):  # type: ignore[no-untyped-def]
     """Least squares a u² + 2 b u v + c v² + d u + e v = 1 through points near the unit circle."""
     normal = np.zeros((5, 5))
@@ -144,7 +150,7 @@ def _conic(points):  # type: ignore[no-untyped-def]
     return np.linalg.solve(normal, right)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def ring_profile(image, col, row, a11, a12, a22, lean_x, lean_y, radii, count):  # type: ignore[no-untyped-def]
     """Mean grey value at the given radii (dot radii), at `count` angles clockwise; NaN outside.
 
@@ -152,19 +158,23 @@ def ring_profile(image, col, row, a11, a12, a22, lean_x, lean_y, radii, count): 
     centre + A u / (1 + lean · u).
     """
     profile = np.zeros(count)
+    turn_c, turn_s = math.cos(2 * math.pi / count), math.sin(2 * math.pi / count)
+    c, s = math.cos(math.pi / count), -math.sin(math.pi / count)
     for i in range(count):
-        angle = 2 * math.pi * (i + 0.5) / count
-        c, s = math.cos(angle), math.sin(angle)
+        c, s = c * turn_c - s * turn_s, s * turn_c + c * turn_s
         for j in range(len(radii)):
             r = radii[j]
             w = 1.0 + r * (lean_x * c + lean_y * s)
             x = (a11 * c + a12 * s) * r / w
             y = (a12 * c + a22 * s) * r / w
-            profile[i] += sample(image, col + x, row + y) / len(radii)
+            if not inside(image, col + x, row + y):
+                profile[i] = math.nan
+                break
+            profile[i] += between(image, col + x, row + y) / len(radii)
     return profile
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def read_bits(profile, bits):  # type: ignore[no-untyped-def]
     """Phase of the sectors and the mean over the middle half of each.
 
@@ -197,31 +207,43 @@ def read_bits(profile, bits):  # type: ignore[no-untyped-def]
     return values, phase
 
 
-@numba.njit(cache=True)
+_PHI = np.array([0.5 * math.erfc(-z / math.sqrt(2.0)) for z in np.arange(-256, 258) / 64.0])
+
+
+@numba.njit(cache=True, error_model="numpy")
 def _phi(z):  # type: ignore[no-untyped-def]
-    if z > 4.0:
+    """Normal distribution to 1e-5, from a table."""
+    if z >= 4.0:
         return 1.0
-    if z < -4.0:
+    if z <= -4.0:
         return 0.0
-    return 0.5 * (1.0 + math.erf(z * 0.7071067811865476))
+    t = 64.0 * z + 256.0
+    i = int(t)
+    return _PHI[i] + (t - i) * (_PHI[i + 1] - _PHI[i])
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def expected_profile(a11, a12, a22, inner, outer, bits, phase, s, radii, count):  # type: ignore[no-untyped-def]
     """What `ring_profile` should show of the bits: 0 to 1, with the blur s (px).
 
-    `phase` is where the first sector begins (rad, clockwise).
+    `phase` is where the first sector begins (rad, clockwise; within the first sector's width).
     """
     n = len(bits)
     pitch = 2.0 * math.pi / n
     det = a11 * a22 - a12 * a12
+    # Around the ring and on, so that no index needs to be wrapped.
+    around = np.empty(n + 6, dtype=np.int64)
+    for m in range(n + 6):
+        around[m] = bits[(m - 3) % n]
     profile = np.empty(count)
+    turn_c, turn_s = math.cos(2 * math.pi / count), math.sin(2 * math.pi / count)
+    c, s_ = math.cos(math.pi / count), -math.sin(math.pi / count)
     for i in range(count):
         angle = 2 * math.pi * (i + 0.5) / count
-        c, s_ = math.cos(angle), math.sin(angle)
-        along = math.hypot(a11 * c + a12 * s_, a12 * c + a22 * s_)
+        c, s_ = c * turn_c - s_ * turn_s, s_ * turn_c + c * turn_s
+        along = math.sqrt((a11 * c + a12 * s_) ** 2 + (a12 * c + a22 * s_) ** 2)
         # Pixels per dot radius perpendicular to the ring's edge, and per radian to a border's.
-        across = det / math.hypot(a22 * c - a12 * s_, a11 * s_ - a12 * c)
+        across = det / math.sqrt((a22 * c - a12 * s_) ** 2 + (a11 * s_ - a12 * c) ** 2)
         side = det / along
         radial = 0.0
         mean_radius = 0.0
@@ -230,17 +252,18 @@ def expected_profile(a11, a12, a22, inner, outer, bits, phase, s, radii, count):
             radial += (_phi(z_in) - _phi(z_out)) / len(radii)
             mean_radius += radii[j] / len(radii)
         turn = (angle - phase) / pitch
-        k = math.floor(turn)
+        k = int(math.floor(turn))
         scale = pitch * mean_radius * side / s
-        value = 0.0
-        for m in range(k - 2, k + 3):
-            if bits[m % n]:
-                value += _phi((turn - m) * scale) - _phi((turn - m - 1) * scale)
+        value = around[k + 1] + 0.0
+        for m in range(k - 1, k + 3):
+            jump = around[m + 3] - around[m + 2]
+            if jump != 0:
+                value += jump * _phi((turn - m) * scale)
         profile[i] = value * radial
     return profile
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def read_ring(image, shape, lean, inner, outer, bits_count):  # type: ignore[no-untyped-def]
     """Read the ring around a dot and everything that speaks for or against it.
 

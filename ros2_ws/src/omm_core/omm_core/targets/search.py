@@ -9,7 +9,6 @@ Each test is cheaper than the next and turns most of the remaining away, so clut
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numba
 import numpy as np
@@ -17,9 +16,11 @@ import numpy as np
 RAYS = 16
 _COS = np.cos(2 * np.pi * np.arange(48) / 48)
 _SIN = np.sin(2 * np.pi * np.arange(48) / 48)
+_ORDER = np.array([2, 10, 6, 14, 0, 8, 4, 12, 1, 9, 5, 13, 3, 11, 7, 15])
+"""Rays in opposite pairs, the slanting ones first: row and column have been looked at."""
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def find_dots(half, step, contrast, max_run, gap_ratio, read_ratio, found):  # type: ignore[no-untyped-def]
     """Write candidates to `found` and return how many there are.
 
@@ -34,77 +35,68 @@ def find_dots(half, step, contrast, max_run, gap_ratio, read_ratio, found):  # t
     """
     height, width = half.shape
     seen = np.zeros(((height >> 1) + 2, (width >> 1) + 2), dtype=np.uint8)
+    steep = np.zeros((width + 7) // 8 * 8, dtype=np.uint8)
+    eights = steep.view(np.uint64)
+    edge_x, edge_d = np.empty(width, dtype=np.int64), np.empty(width, dtype=np.int64)
     count = 0
     least_step, least_contrast = step, contrast
     # Every second row: of a dot's rows at least two next to each other pass as its middle.
     for y in range(2, height - 2, 2):
-        edges = 0
-        strong: Any = 0
-        strong_x = -1
-        last: Any = 0
-        last_x = -1
-        peak: Any = 0
-        peak_x = -1
+        row = half[y]
         for x in range(2, width - 2):
-            d: Any = np.int64(half[y, x + 1]) - np.int64(half[y, x - 1])
-            if peak == 0 and -step < d < step:
-                continue
-            same = (d >= step and peak > 0) or (d <= -step and peak < 0)
-            if same:
-                if abs(d) > abs(peak):
-                    peak, peak_x = d, x
-                continue
-            if peak != 0:
-                edges += 1
-                if (last > 0) != (peak > 0) and last != 0:
-                    w = peak_x - last_x
-                    if 2 <= w <= max_run:
-                        count = _test_run(
-                            half,
-                            last_x,
-                            peak_x,
-                            y,
-                            1 if last > 0 else -1,
-                            contrast,
-                            gap_ratio,
-                            read_ratio,
-                            seen,
-                            found,
-                            count,
-                        )
-                if strong_x != last_x and strong != 0 and (strong > 0) != (peak > 0):
-                    w = peak_x - strong_x
-                    if 2 <= w <= max_run and 3 * abs(peak) >= abs(strong):
-                        count = _test_run(
-                            half,
-                            strong_x,
-                            peak_x,
-                            y,
-                            1 if strong > 0 else -1,
-                            contrast,
-                            gap_ratio,
-                            read_ratio,
-                            seen,
-                            found,
-                            count,
-                        )
-                last, last_x = peak, peak_x
-                if 3 * abs(peak) >= abs(strong) or peak_x - strong_x > max_run:
-                    strong, strong_x = peak, peak_x
-            if d >= step or d <= -step:
-                peak, peak_x = d, x
-            else:
-                peak = 0
+            d = np.int32(row[x + 1]) - np.int32(row[x - 1])
+            steep[x] = abs(d) >= step
+        edges = _edges(row, steep, eights, edge_x, edge_d)
+        strong_x, strong = -1, np.int64(0)
+        for k in range(edges):
+            x, peak = edge_x[k], edge_d[k]
+            if k > 0 and (edge_d[k - 1] > 0) != (peak > 0):
+                left = edge_x[k - 1]
+                if 2 <= x - left <= max_run:
+                    count = _test_run(
+                        half, left, x, y, peak < 0, contrast, gap_ratio, read_ratio, seen, found, count
+                    )
+            # What lies within the dot may have edges too: the outer ones are stronger.
+            if strong != 0 and strong_x != edge_x[k - 1] and (strong > 0) != (peak > 0):
+                if 2 <= x - strong_x <= max_run and 3 * abs(peak) >= abs(strong):
+                    count = _test_run(
+                        half, strong_x, x, y, peak < 0, contrast, gap_ratio, read_ratio, seen, found, count
+                    )
+            if 3 * abs(peak) >= abs(strong) or x - strong_x > max_run:
+                strong_x, strong = x, peak
         # On rough ground more must be asked of an edge, up to twice as much.
         step = min(step + 2, 2 * least_step) if edges > width >> 5 else max(step - 1, least_step)
         contrast = least_contrast * step // least_step
     return count
 
 
-@numba.njit(cache=True)
-def _test_run(half, left, right, y, sign, contrast, gap_ratio, read_ratio, seen, found, count):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, error_model="numpy")
+def _edges(row, steep, eights, edge_x, edge_d):  # type: ignore[no-untyped-def]
+    """Where a row is steepest in each stretch of `steep` of one sign; how many there are."""
+    count = 0
+    peak = np.int64(0)
+    peak_x = 0
+    for word in range(len(eights)):
+        if eights[word] == 0 and peak == 0:
+            continue
+        for x in range(8 * word, 8 * word + 8):
+            d = np.int64(row[x + 1]) - np.int64(row[x - 1]) if steep[x] else np.int64(0)
+            if (d > 0) == (peak > 0) and (d < 0) == (peak < 0):
+                if abs(d) > abs(peak):
+                    peak, peak_x = d, x
+                continue
+            if peak != 0:
+                edge_x[count], edge_d[count] = peak_x, peak
+                count += 1
+            peak, peak_x = d, x
+    return count
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _test_run(half, left, right, y, bright, contrast, gap_ratio, read_ratio, seen, found, count):  # type: ignore[no-untyped-def]
     height, width = half.shape
     x = (left + right) >> 1
+    sign = 1 if bright else -1
     if seen[y >> 1, x >> 1] or count >= len(found):
         return count
     inside = np.int64(half[y, x])
@@ -120,7 +112,7 @@ def _test_run(half, left, right, y, sign, contrast, gap_ratio, read_ratio, seen,
     for at in (int(0.5 * (left + right) - away + 0.5), int(0.5 * (left + right) + away + 0.5)):
         if 0 <= at < width and sign * (np.int64(half[y, at]) - level) > 0:
             return count
-    limit = 3 * (right - left) + 3
+    limit = 3 * (right - left) // 2 + 4
     up = 1
     while up <= limit and y - up >= 0 and sign * (np.int64(half[y - up, x]) - level) > 0:
         up += 1
@@ -132,13 +124,17 @@ def _test_run(half, left, right, y, sign, contrast, gap_ratio, read_ratio, seen,
         down += 1
     if down > most or y + down >= height or up > down + 2 + (down >> 2):
         return count
+    if right - left > 3 * (up + down):
+        return count
     middle = y + 0.5 * (down - up)
     away = near_gap * (up + down - 1)
     for at in (int(middle - away + 0.5), int(middle + away + 0.5)):
         if 0 <= at < height and sign * (np.int64(half[at, x]) - level) > 0:
             return count
+    # Of an ellipse, three times as long as wide and slanting, the longer half is within this.
+    reach = int(1.2 * max(right - left, up + down)) + 3
     ok, col, row, xx, xy, yy = _ellipse(
-        half, 0.5 * (left + right), y + 0.5 * (down - up), level, sign, limit
+        half, 0.5 * (left + right), y + 0.5 * (down - up), level, sign, reach
     )
     if not ok:
         return count
@@ -154,43 +150,77 @@ def _test_run(half, left, right, y, sign, contrast, gap_ratio, read_ratio, seen,
     return count + 1
 
 
-@numba.njit(cache=True)
-def _ellipse(half, col, row, level, sign, limit):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, error_model="numpy")
+def _between(half, col, row):  # type: ignore[no-untyped-def]
+    """Bilinear grey value; the place must be inside the image."""
+    x, y = int(col), int(row)
+    fx, fy = col - x, row - y
+    top = (1 - fx) * half[y, x] + fx * half[y, x + 1]
+    bottom = (1 - fx) * half[y + 1, x] + fx * half[y + 1, x + 1]
+    return (1 - fy) * top + fy * bottom
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _crossing(half, col, row, c, s, t, level, sign):  # type: ignore[no-untyped-def]
+    """Where a ray crosses the level, near its step t: the nearest pixel there is the first below."""
+    now = sign * (_between(half, col + t * c, row + t * s) - level)
+    if now > 0.0:
+        t += 1
+        before, now = now, sign * (_between(half, col + t * c, row + t * s) - level)
+    else:
+        before = sign * (_between(half, col + (t - 1) * c, row + (t - 1) * s) - level)
+        if before <= 0.0 and t > 1:
+            t -= 1
+            now = before
+            before = sign * (_between(half, col + (t - 1) * c, row + (t - 1) * s) - level)
+    return t - 1 + (before / (before - now) if before > 0.0 >= now else 0.5)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _mean_of(a, b):  # type: ignore[no-untyped-def]
+    """Mean in which an ellipse's two diameters at right angles give the same in any direction."""
+    return math.sqrt(2.0 / (1.0 / (a * a) + 1.0 / (b * b)))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _ellipse(half, col, row, level, sign, reach):  # type: ignore[no-untyped-def]
     """Ellipse through the first crossings of `level` on rays from (col, row)."""
     height, width = half.shape
     lengths = np.empty(RAYS)
     shift_x = shift_y = 0.0
     for turn in range(2):
-        for i in range(RAYS):
+        # Half of the rays find the middle.
+        rays = RAYS // 2 if turn == 0 else RAYS
+        for k in range(rays):
+            i = _ORDER[(k + 8 * turn) % RAYS]
             c, s = _COS[3 * i], _SIN[3 * i]
-            before = sign * (half[int(row + 0.5), int(col + 0.5)] - level) + 0.0
-            t = 0.0
+            t = 0
             while True:
-                t += 1.0
-                if t > limit:
+                t += 1
+                x, y = int(col + t * c + 0.5), int(row + t * s + 0.5)
+                if t > reach or x < 2 or y < 2 or x >= width - 2 or y >= height - 2:
                     return False, 0.0, 0.0, 0.0, 0.0, 0.0
-                px, py = col + t * c, row + t * s
-                ix, iy = int(px), int(py)
-                if px < 0 or py < 0 or ix >= width - 1 or iy >= height - 1:
-                    return False, 0.0, 0.0, 0.0, 0.0, 0.0
-                fx, fy = px - ix, py - iy
-                top = (1 - fx) * half[iy, ix] + fx * half[iy, ix + 1]
-                bottom = (1 - fx) * half[iy + 1, ix] + fx * half[iy + 1, ix + 1]
-                now = sign * ((1 - fy) * top + fy * bottom - level)
-                if now <= 0.0:
-                    lengths[i] = t - 1.0 + before / (before - now) if before > now else t
+                if sign * (np.int64(half[y, x]) - level) <= 0:
                     break
-                before = now
-            if i >= RAYS // 2:
-                pair = lengths[i - RAYS // 2] + lengths[i]
-                differ = abs(lengths[i - RAYS // 2] - lengths[i])
+            lengths[i] = t - 0.5
+            if turn == 1:
+                lengths[i] = _crossing(half, col, row, c, s, t, level, sign)
+            if k % 2 == 1:
+                opposite = lengths[i - RAYS // 2]
+                pair, differ = lengths[i] + opposite, abs(lengths[i] - opposite)
                 if differ > (2.0 + 0.25 * pair if turn == 0 else 0.8 + 0.1 * pair):
                     return False, 0.0, 0.0, 0.0, 0.0, 0.0
         shift_x = shift_y = 0.0
-        for i in range(RAYS):
-            shift_x += lengths[i] * _COS[3 * i] * 2 / RAYS
-            shift_y += lengths[i] * _SIN[3 * i] * 2 / RAYS
+        for k in range(rays):
+            i = _ORDER[k]
+            shift_x += lengths[i] * _COS[3 * i] * 2 / rays
+            shift_y += lengths[i] * _SIN[3 * i] * 2 / rays
         if turn == 0:
+            # 1/r² across plus along is the same for any two directions at right angles.
+            upright = _mean_of(lengths[0] + lengths[8], lengths[4] + lengths[12])
+            slanting = _mean_of(lengths[2] + lengths[10], lengths[6] + lengths[14])
+            if abs(upright - slanting) > 3.0 + 0.125 * (upright + slanting):
+                return False, 0.0, 0.0, 0.0, 0.0, 0.0
             col += shift_x
             row += shift_y
             if not (1 <= col < width - 2 and 1 <= row < height - 2):
@@ -213,7 +243,7 @@ def _ellipse(half, col, row, level, sign, limit):  # type: ignore[no-untyped-def
     return True, col, row, a + b, c2, a - b
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _ring_like(half, col, row, xx, xy, yy, level, sign, gap_ratio, read_ratio):  # type: ignore[no-untyped-def]
     """Is the gap clear, and is something set at the ring's radius?"""
     height, width = half.shape
@@ -243,4 +273,5 @@ def _ring_like(half, col, row, xx, xy, yy, level, sign, gap_ratio, read_ratio): 
         x, y = int(col + r * c + 0.5), int(row + r * s + 0.5)
         if 0 <= x < width and 0 <= y < height:
             set_samples += sign * (half[y, x] - background) > 0.4 * step
-    return set_samples >= 3
+    # No family has a ring that is set all around: that is a hole in something bright, or a stroke.
+    return 3 <= set_samples <= 46
