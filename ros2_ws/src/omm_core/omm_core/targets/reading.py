@@ -323,17 +323,28 @@ def read_ring(image, shape, lean, inner, outer, bits_count):  # type: ignore[no-
         ring_profile(image, col, row, a11, a12, a22, lean[0], lean[1], at, 4 * n) - base
     ) / height
     facts[4] = np.abs(gap).max()
-    for side in range(2):
-        at[0] = inner - 0.3 if side == 0 else outer + 0.35
+    # Where the dot is saturated, all that is bright looks wider, by up to about s.
+    highest = 254.5 if image.itemsize == 1 else 65534.5
+    wider = s / math.sqrt(a11 * a22 - a12 * a12) if not 0.5 < shape[5] < highest else 0.0
+    # Beyond the ring two places are looked at: what is bright around a label may reach the outer.
+    still = np.zeros((2, count))
+    still[:] = math.inf
+    for place in range(3):
+        at[0] = inner - 0.3 - wider if place == 0 else outer + (0.2 if place == 1 else 0.35)
         seen = (
             ring_profile(image, col, row, a11, a12, a22, lean[0], lean[1], at, count) - base
         ) / height
         expected = expected_profile(a11, a12, a22, inner, outer, bits, facts[0], s, at, count)
-        still = total = 0.0
+        side = min(place, 1)
         for i in range(count):
-            sector = math.floor((i + 0.5 - phase) / SAMPLES) % n
-            if bits[sector] == 1 and not math.isnan(seen[i]):
+            if not math.isnan(seen[i]):
+                still[side, i] = min(still[side, i], seen[i] - expected[i])
+    for side in range(2):
+        on = total = 0.0
+        for i in range(count):
+            sector = int(math.floor((i + 0.5 - phase) / SAMPLES)) % n
+            if bits[sector] == 1 and still[side, i] < math.inf:
                 total += 1.0
-                still += seen[i] - expected[i] > 0.4
-        facts[5 + side] = still / total if total > 0.0 else 0.0
+                on += still[side, i] > 0.4
+        facts[5 + side] = on / total if total > 0.0 else 0.0
     return bits, facts

@@ -177,17 +177,11 @@ def _crossing(half, col, row, c, s, t, level, sign):  # type: ignore[no-untyped-
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _mean_of(a, b):  # type: ignore[no-untyped-def]
-    """Mean in which an ellipse's two diameters at right angles give the same in any direction."""
-    return math.sqrt(2.0 / (1.0 / (a * a) + 1.0 / (b * b)))
-
-
-@numba.njit(cache=True, error_model="numpy")
 def _ellipse(half, col, row, level, sign, reach):  # type: ignore[no-untyped-def]
     """Ellipse through the first crossings of `level` on rays from (col, row)."""
     height, width = half.shape
     lengths = np.empty(RAYS)
-    shift_x = shift_y = 0.0
+    a = b = c2 = 0.0
     for turn in range(2):
         # Half of the rays find the middle.
         rays = RAYS // 2 if turn == 0 else RAYS
@@ -195,14 +189,18 @@ def _ellipse(half, col, row, level, sign, reach):  # type: ignore[no-untyped-def
             i = _ORDER[(k + 8 * turn) % RAYS]
             c, s = _COS[3 * i], _SIN[3 * i]
             t = 0
+            now = 0
             while True:
                 t += 1
+                before = now
                 x, y = int(col + t * c + 0.5), int(row + t * s + 0.5)
                 if t > reach or x < 2 or y < 2 or x >= width - 2 or y >= height - 2:
                     return False, 0.0, 0.0, 0.0, 0.0, 0.0
-                if sign * (np.int64(half[y, x]) - level) <= 0:
+                now = sign * (np.int64(half[y, x]) - level)
+                if now <= 0:
                     break
-            lengths[i] = t - 0.5
+            # To find the middle the nearest pixels are enough.
+            lengths[i] = t - 1 + (before / (before - now) if before > 0 else 0.5)
             if turn == 1:
                 lengths[i] = _crossing(half, col, row, c, s, t, level, sign)
             if k % 2 == 1:
@@ -210,36 +208,37 @@ def _ellipse(half, col, row, level, sign, reach):  # type: ignore[no-untyped-def
                 pair, differ = lengths[i] + opposite, abs(lengths[i] - opposite)
                 if differ > (2.0 + 0.25 * pair if turn == 0 else 0.8 + 0.1 * pair):
                     return False, 0.0, 0.0, 0.0, 0.0, 0.0
-        shift_x = shift_y = 0.0
-        for k in range(rays):
-            i = _ORDER[k]
-            shift_x += lengths[i] * _COS[3 * i] * 2 / rays
-            shift_y += lengths[i] * _SIN[3 * i] * 2 / rays
-        if turn == 0:
-            # 1/r² across plus along is the same for any two directions at right angles.
-            upright = _mean_of(lengths[0] + lengths[8], lengths[4] + lengths[12])
-            slanting = _mean_of(lengths[2] + lengths[10], lengths[6] + lengths[14])
-            if abs(upright - slanting) > 3.0 + 0.125 * (upright + slanting):
+        # Through half of the chords the ellipse (a: mean of 1/r², b and c2: how it differs by
+        # direction), through their middles how far its centre is away.
+        n = rays // 2
+        a = b = c2 = gx = gy = 0.0
+        for k in range(n):
+            i = k * RAYS // rays
+            c, s = _COS[3 * i], _SIN[3 * i]
+            half_chord = 0.5 * (lengths[i] + lengths[i + RAYS // 2])
+            q = 1.0 / (half_chord * half_chord + 0.02)
+            a += q / n
+            b += q * _COS[6 * i] * 2 / n
+            c2 += q * _SIN[6 * i] * 2 / n
+            off = 0.5 * (lengths[i] - lengths[i + RAYS // 2]) * q * 2 / n
+            gx += off * c
+            gy += off * s
+        det = a * a - b * b - c2 * c2
+        if det <= 0.048 * a * a:
+            return False, 0.0, 0.0, 0.0, 0.0, 0.0
+        for k in range(n):
+            i = k * RAYS // rays
+            half_chord = 0.5 * (lengths[i] + lengths[i + RAYS // 2])
+            q = a + b * _COS[6 * i] + c2 * _SIN[6 * i]
+            if q <= 0.0 or abs(1.0 / math.sqrt(q) - half_chord) > (2 - turn) * (
+                0.6 + 0.1 * half_chord
+            ):
                 return False, 0.0, 0.0, 0.0, 0.0, 0.0
-            col += shift_x
-            row += shift_y
+        if turn == 0:
+            col += ((a - b) * gx - c2 * gy) / det
+            row += ((a + b) * gy - c2 * gx) / det
             if not (1 <= col < width - 2 and 1 <= row < height - 2):
                 return False, 0.0, 0.0, 0.0, 0.0, 0.0
-    a = b = c2 = 0.0
-    n = RAYS // 2
-    for i in range(n):
-        mean = 0.5 * (lengths[i] + lengths[i + n])
-        q = 1.0 / (mean * mean + 0.02)
-        a += q / n
-        b += q * _COS[6 * i] * 2 / n
-        c2 += q * _SIN[6 * i] * 2 / n
-    if a * a <= 1.05 * (b * b + c2 * c2):
-        return False, 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(n):
-        mean = 0.5 * (lengths[i] + lengths[i + n])
-        q = a + b * _COS[6 * i] + c2 * _SIN[6 * i]
-        if q <= 0.0 or abs(1.0 / math.sqrt(q) - mean) > 0.6 + 0.1 * mean:
-            return False, 0.0, 0.0, 0.0, 0.0, 0.0
     return True, col, row, a + b, c2, a - b
 
 
