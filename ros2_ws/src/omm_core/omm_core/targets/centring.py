@@ -37,12 +37,26 @@ def _phi(z):  # type: ignore[no-untyped-def]
     return 0.5 * math.erfc(-z / _ROOT2)
 
 
+_STEPS = 32.0
+_NODES = np.arange(-146, 148) / _STEPS
+_PHI = np.array([0.5 * math.erfc(-z / _ROOT2) for z in _NODES])
+_SLOPE = np.exp(-0.5 * _NODES**2) / math.sqrt(2.0 * math.pi)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _phi_and_slope(z):  # type: ignore[no-untyped-def]
+    """Normal distribution (to 1e-8, a cubic between nodes) and density (to 1e-4), |z| <= 4.5."""
+    t = (z - _NODES[0]) * _STEPS
+    i = int(t)
+    u = t - i
+    rise, m0, m1 = _PHI[i + 1] - _PHI[i], _SLOPE[i] / _STEPS, _SLOPE[i + 1] / _STEPS
+    share = _PHI[i] + u * (m0 + u * (3.0 * rise - 2.0 * m0 - m1 + u * (m0 + m1 - 2.0 * rise)))
+    return share, _SLOPE[i] + u * (_SLOPE[i + 1] - _SLOPE[i])
+
+
 @numba.njit(cache=True)
 def _ring_share(u, v, rho, length, inner, s, bits, phase):  # type: ignore[no-untyped-def]
     """Share of the ring in a pixel inside of its inner edge (u, v in dot radii)."""
-    radial = (rho - inner) * length / s
-    if radial < -5.0:
-        return 0.0
     n = len(bits)
     pitch = 2.0 * math.pi / n
     turn = (math.atan2(v, u) - phase) / pitch
@@ -51,37 +65,75 @@ def _ring_share(u, v, rho, length, inner, s, bits, phase):  # type: ignore[no-un
     share = before
     if before != after:
         share += (after - before) * _phi((turn - k) * pitch * rho * length / s)
-    return share * _phi(radial)
+    return share * _phi((rho - inner) * length / s)
 
 
-@numba.njit(cache=True)
-def _window(image, start, widest, inner):  # type: ignore[no-untyped-def]
-    """Pixels (N, 2) col, row: the dot and the gap, up to well before the ring."""
+@numba.njit(cache=True, error_model="numpy")
+def _sort_pixels(image, start, p, inner, below, pixels, flat):  # type: ignore[no-untyped-def]
+    """Part the window (the dot and the gap, up to well before the ring) into edge and flat.
+
+    Parameters
+    ----------
+    pixels : (N, 2) out: col, row of the edge's pixels, and of all that may be clipped.
+    flat : (2, 10) out: what the rest, wholly set [0] or wholly clear [1], tells of light: sums of
+        1, tx, ty, tx², tx ty, ty², value, value tx, value ty, value².
+
+    Returns
+    -------
+    Number of pixels written.
+    """
     height, width = image.shape
     x0, y0, xx, xy, yy = start[0], start[1], start[2], start[3], start[4]
     a11, a12, a22 = square_root(xx, xy, yy)
-    reach_x = math.sqrt(a11 * a11 + a12 * a12) + widest
-    reach_y = math.sqrt(a12 * a12 + a22 * a22) + widest
+    r0 = math.sqrt(a11 * a22 - a12 * a12)
+    small = 0.5 * (a11 + a22 - math.sqrt((a11 - a22) ** 2 + 4.0 * a12 * a12))
+    reach = 1.0 + 0.6 * (inner - 1.0)
+    inside = max(1.0 - 4.2 * p[5] / small, 0.0) ** 2
+    outside = (1.0 + 4.2 * p[5] / small) ** 2
+    before_ring = max(inner - 4.2 * p[5] / small, 0.0) ** 2
+    reach_x, reach_y = reach * math.sqrt(a11**2 + a12**2), reach * math.sqrt(a12**2 + a22**2)
     c_lo, c_hi = max(int(x0 - reach_x), 0), min(int(x0 + reach_x) + 2, width)
     r_lo, r_hi = max(int(y0 - reach_y), 0), min(int(y0 + reach_y) + 2, height)
-    pixels = np.empty((max(r_hi - r_lo, 0) * max(c_hi - c_lo, 0), 2), dtype=np.int64)
-    count = 0
+    flat[:] = 0.0
+    used = 0
     for row in range(r_lo, r_hi):
-        wy = row - y0
+        wy, dy = row - y0, row - p[1]
+        ty = wy / r0
         for col in range(c_lo, c_hi):
-            wx = col - x0
-            hx, hy = xx * wx + xy * wy, xy * wx + yy * wy
-            rho = math.sqrt(wx * hx + wy * hy) + 1e-12
-            length = rho / (math.sqrt(hx * hx + hy * hy) + 1e-12)
-            d = (rho - 1.0) * length
-            if d > widest or (d > 1.0 and d > 0.6 * (inner - 1.0) * length):
+            wx, dx = col - x0, col - p[0]
+            # The window stays where the start put it.
+            if xx * wx * wx + 2.0 * xy * wx * wy + yy * wy * wy > reach * reach:
                 continue
-            pixels[count, 0], pixels[count, 1] = col, row
-            count += 1
-    return pixels[:count]
+            square = p[2] * dx * dx + 2.0 * p[3] * dx * dy + p[4] * dy * dy
+            value = image[row, col] + 0.0
+            if inside <= square <= outside or square >= before_ring or not 0.0 < value < below:
+                pixels[used, 0], pixels[used, 1] = col, row
+                used += 1
+                continue
+            kind = 0 if square < 1.0 else 1
+            tx = wx / r0
+            flat[kind, 0] += 1.0
+            flat[kind, 1] += tx
+            flat[kind, 2] += ty
+            flat[kind, 3] += tx * tx
+            flat[kind, 4] += tx * ty
+            flat[kind, 5] += ty * ty
+            flat[kind, 6] += value
+            flat[kind, 7] += value * tx
+            flat[kind, 8] += value * ty
+            flat[kind, 9] += value * value
+    return used
 
 
 @numba.njit(cache=True, fastmath=True)
+def _product(a, b, count):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for i in range(count):
+        total += a[i] * b[i]
+    return total
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
 def fit_dot(
     image,
     start,
@@ -118,60 +170,37 @@ def fit_dot(
     """
     x0, y0 = start[0], start[1]
     a11, a12, a22 = square_root(start[2], start[3], start[4])
-    r0 = math.sqrt(a11 * a22 - a12 * a12)
+    area = a11 * a22 - a12 * a12
+    r0 = math.sqrt(area)
     reach = max(math.sqrt(a11 * a11 + a12 * a12), math.sqrt(a12 * a12 + a22 * a22))
     s_start = p[5]
     n = PARAMETERS
     g = np.zeros(n)
-    flat = np.zeros((2, 12))
-    small = 0.5 * (a11 + a22 - math.hypot(a11 - a22, 2.0 * a12))
     f_start, b_start = p[6], p[9]
     loose = 1.0 / (f_start - b_start) ** 2
     below = saturation - 4.5 * math.sqrt(read + gain * saturation)
     converged = False
-    widest = max(4.0 * s_start + 4.0, 0.6 * (inner - 1.0) * reach)
-    pixels = _window(image, start, widest, inner)
-    clipped = np.zeros(len(pixels), dtype=np.bool_)
-    rows, rests = np.empty((len(pixels), PARAMETERS)), np.empty(len(pixels))
+    extent = (1.0 + 0.6 * (inner - 1.0)) * reach
+    most = int(2.0 * extent + 4.0) ** 2
+    pixels, flat = np.empty((most, 2), dtype=np.int64), np.zeros((2, 10))
+    rows, rests = np.empty((PARAMETERS, most)), np.empty(most)
+    clipped = np.zeros(most, dtype=np.bool_)
+    edge = 0
     for turn in range(15):
         used = 0
         statistics[:] = 0.0
         s = p[5]
         det = p[2] * p[4] - p[3] * p[3]
-        flat[:] = 0.0
-        inside = max(1.0 - 4.2 * s / small, 0.0) ** 2
-        outside = (1.0 + 4.2 * s / small) ** 2
-        before_ring = max(inner - 4.2 * s / small, 0.0) ** 2
-        # The window stays where the start put it: every turn sees the same pixels.
-        for index in range(len(pixels)):
+        # What is edge and what is flat is settled by the first step.
+        if turn < 2:
+            edge = _sort_pixels(image, start, p, inner, below, pixels, flat)
+        for index in range(edge):
             col, row = pixels[index, 0], pixels[index, 1]
             value = image[row, col] + 0.0
             tx, ty = (col - x0) / r0, (row - y0) / r0
             dx, dy = col - p[0], row - p[1]
             mx, my = p[2] * dx + p[3] * dy, p[3] * dx + p[4] * dy
             square = dx * mx + dy * my
-            if (square < inside or outside < square < before_ring) and 0.0 < value < below:
-                # Wholly set or wholly clear: tells of light only.
-                kind = 0 if square < 1.0 else 1
-                at = 6 + 3 * kind
-                model = p[at] + p[at + 1] * tx + p[at + 2] * ty
-                w = 1.0 / (read + gain * max(model, 0.0))
-                residual = value - model
-                weighted = w * residual
-                wx, wy = w * tx, w * ty
-                flat[kind, 0] += w
-                flat[kind, 1] += wx
-                flat[kind, 2] += wy
-                flat[kind, 3] += wx * tx
-                flat[kind, 4] += wx * ty
-                flat[kind, 5] += wy * ty
-                flat[kind, 6] += weighted
-                flat[kind, 7] += weighted * tx
-                flat[kind, 8] += weighted * ty
-                flat[kind, 9] += 1.0
-                flat[kind, 10] += residual * residual
-                flat[kind, 11] += residual * weighted
-                continue
             rho = math.sqrt(square) + 1e-12
             norm = math.sqrt(mx * mx + my * my) + 1e-12
             length = rho / norm
@@ -188,13 +217,10 @@ def fit_dot(
             elif z < -4.5:
                 share, slope = 0.0, 0.0
             else:
-                share, slope = _phi(z), math.exp(-0.5 * z * z) * 0.3989422804014327
-            ring = 0.0
-            if d > 0.0:
-                i = a11 * a22 - a12 * a12
-                u, v = (a22 * dx - a12 * dy) / i, (a11 * dy - a12 * dx) / i
-                ring = _ring_share(u, v, rho, length, inner, s, bits, phase)
-            share += ring
+                share, slope = _phi_and_slope(z)
+            if (rho - inner) * length > -5.0 * s:
+                u, v = (a22 * dx - a12 * dy) / area, (a11 * dy - a12 * dx) / area
+                share += _ring_share(u, v, rho, length, inner, s, bits, phase)
             model = b + (f - b) * share
             variance = read + gain * max(model, 0.0)
             sigma = math.sqrt(variance)
@@ -217,33 +243,49 @@ def fit_dot(
             if slope == 0.0:
                 g[:6] = 0.0
             else:
-                edge = (f - b) * slope / s
-                g[0], g[1] = edge * mx / norm, edge * my / norm
-                g[2] = -edge * 0.5 * dx * dx / norm
-                g[3] = -edge * dx * dy / norm
-                g[4] = -edge * 0.5 * dy * dy / norm
-                g[5] = edge * d / s
+                steep = (f - b) * slope / s
+                g[0], g[1] = steep * mx / norm, steep * my / norm
+                g[2] = -steep * 0.5 * dx * dx / norm
+                g[3] = -steep * dx * dy / norm
+                g[4] = -steep * 0.5 * dy * dy / norm
+                g[5] = steep * d / s
             root = math.sqrt(w)
             for j in range(PARAMETERS):
-                rows[used, j] = root * g[j]
+                rows[j, used] = root * g[j]
             rests[used] = root * residual
             used += 1
-        normal = np.dot(rows[:used].T, rows[:used])
-        right = np.dot(rows[:used].T, rests[:used])
+        normal, right = np.empty((n, n)), np.empty(n)
+        for j in range(n):
+            right[j] = _product(rows[j], rests, used)
+            for k in range(j + 1):
+                normal[j, k] = _product(rows[j], rows[k], used)
         for kind in range(2):
+            # Wholly set or wholly clear: tells of light only.
             at = 6 + 3 * kind
-            normal[at, at] += flat[kind, 0]
-            normal[at + 1, at] += flat[kind, 1]
-            normal[at + 2, at] += flat[kind, 2]
-            normal[at + 1, at + 1] += flat[kind, 3]
-            normal[at + 2, at + 1] += flat[kind, 4]
-            normal[at + 2, at + 2] += flat[kind, 5]
-            for j in range(3):
-                right[at + j] += flat[kind, 6 + j]
-            statistics[2 * kind] += flat[kind, 9]
-            statistics[2 * kind + 1] += flat[kind, 10]
-            statistics[4] += flat[kind, 11]
-            statistics[5] += flat[kind, 9]
+            sums, level, slope_x, slope_y = flat[kind], p[at], p[at + 1], p[at + 2]
+            w = 1.0 / (read + gain * max(level, 0.0))
+            normal[at, at] += w * sums[0]
+            normal[at + 1, at] += w * sums[1]
+            normal[at + 2, at] += w * sums[2]
+            normal[at + 1, at + 1] += w * sums[3]
+            normal[at + 2, at + 1] += w * sums[4]
+            normal[at + 2, at + 2] += w * sums[5]
+            rest_0 = sums[6] - level * sums[0] - slope_x * sums[1] - slope_y * sums[2]
+            rest_x = sums[7] - level * sums[1] - slope_x * sums[3] - slope_y * sums[4]
+            rest_y = sums[8] - level * sums[2] - slope_x * sums[4] - slope_y * sums[5]
+            right[at] += w * rest_0
+            right[at + 1] += w * rest_x
+            right[at + 2] += w * rest_y
+            squares = (
+                sums[9]
+                - level * (sums[6] + rest_0)
+                - slope_x * (sums[7] + rest_x)
+                - slope_y * (sums[8] + rest_y)
+            )
+            statistics[2 * kind] += sums[0]
+            statistics[2 * kind + 1] += squares
+            statistics[4] += w * squares
+            statistics[5] += sums[0]
         for j in range(4):
             a = 7 + j if j < 2 else 8 + j
             for k in range(4):
@@ -304,7 +346,7 @@ def fit_dot(
     return converged and sign * (p[6] - p[9]) > 0.0
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def ring_light(image, start, lean, inner, outer, bits, phase, s, saturation):  # type: ignore[no-untyped-def]
     """Planes of light F and B through what lies around the dot, ring and gap.
 
@@ -322,10 +364,11 @@ def ring_light(image, start, lean, inner, outer, bits, phase, s, saturation):  #
     a11, a12, a22 = square_root(start[2], start[3], start[4])
     det = a11 * a22 - a12 * a12
     r0 = math.sqrt(det)
-    reach = outer * max(math.hypot(a11, a12), math.hypot(a12, a22)) + 2.0 * s + 1.0
+    reach = outer * math.sqrt(max(a11 * a11 + a12 * a12, a12 * a12 + a22 * a22)) + 2.0 * s + 1.0
     stride = max(1, int(r0 / 6.0))
     # Of large targets there is enough to stay clear of edges that perspective may have moved.
     beside = 0.15 if r0 > 8.0 else 0.0
+    nearest = 1.0 + 0.6 * (inner - 1.0)
     n = len(bits)
     pitch = 2.0 * math.pi / n
     normal = np.zeros((8, 8))
@@ -342,11 +385,14 @@ def ring_light(image, start, lean, inner, outer, bits, phase, s, saturation):  #
             u, v = (a22 * dx - a12 * dy) / det, (a11 * dy - a12 * dx) / det
             w = 1.0 - lean[0] * u - lean[1] * v
             u, v = u / w, v / w
-            rho = math.sqrt(u * u + v * v)
-            if rho < 1.0 + 0.6 * (inner - 1.0) or rho > outer - beside or abs(rho - inner) < beside:
+            square = u * u + v * v
+            if square < nearest * nearest or square > (outer - beside) ** 2:
+                continue
+            rho = math.sqrt(square)
+            if abs(rho - inner) < beside:
                 continue
             # Pixels per dot radius across circles, and per radian across the sectors' borders.
-            across = rho * det / math.hypot(a22 * u - a12 * v, a11 * v - a12 * u)
+            across = rho * det / math.sqrt((a22 * u - a12 * v) ** 2 + (a11 * v - a12 * u) ** 2)
             z_in, z_out = (rho - inner) * across / s, (outer - rho) * across / s
             share = 0.0
             if z_in > -3.0:
@@ -357,7 +403,8 @@ def ring_light(image, start, lean, inner, outer, bits, phase, s, saturation):  #
                 if before != after:
                     if abs(turn - k) * pitch * rho < beside:
                         continue
-                    side = rho * rho * det / math.hypot(a11 * u + a12 * v, a12 * u + a22 * v)
+                    along = math.sqrt((a11 * u + a12 * v) ** 2 + (a12 * u + a22 * v) ** 2)
+                    side = square * det / along
                     share += (after - before) * _phi((turn - k) * pitch * side / s)
                 share *= _phi(z_in) * _phi(z_out)
             if 0.12 < share < 0.88 or (share > 0.5 and z_out < 1.5):
@@ -384,7 +431,7 @@ def ring_light(image, start, lean, inner, outer, bits, phase, s, saturation):  #
     return normal, right, count, clipped, taken[:used]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def ring_scatter(taken, planes):  # type: ignore[no-untyped-def]
     """Sums of squares about the planes (8,), and numbers, of all set [0] or clear [1] pixels."""
     squares, count = np.zeros(2), np.zeros(2)
@@ -399,3 +446,39 @@ def ring_scatter(taken, planes):  # type: ignore[no-untyped-def]
         squares[kind] += (value - b - (f - b) * share) ** 2
         count[kind] += 1.0
     return squares, count
+
+
+@numba.njit(cache=True)
+def planes_of(normal, right):  # type: ignore[no-untyped-def]
+    """Solution (8,) of the normal equations of `ring_light`, and whether they can be solved."""
+    scale = np.empty(8)
+    for j in range(8):
+        if not normal[j, j] > 0.0:
+            return scale, False
+        scale[j] = 1.0 / math.sqrt(normal[j, j])
+    inverse = np.linalg.inv(normal * np.outer(scale, scale) + 1e-13 * np.eye(8))
+    # How much less is known of one unknown because the others are unknown too.
+    solvable = np.diag(inverse).min() > 0.0 and np.diag(inverse).max() < 1e4
+    return np.dot(inverse, right * scale) * scale, solvable
+
+
+@numba.njit(cache=True)
+def slope_information(normal, weights, bend, clipped, unseen):  # type: ignore[no-untyped-def]
+    """Information (4, 4) of the slopes fx, fy, bx, by.
+
+    Parameters
+    ----------
+    normal (8, 8), weights (8,) : from `ring_light`; 1 / standard deviation of a grey value.
+    bend (2,), unseen : standard deviation to add (set, clear), and that of slopes not seen.
+    clipped (2,) : where set or clear tell nothing.
+    """
+    covariance = np.linalg.inv(normal * np.outer(weights, weights))
+    slopes = np.empty((4, 4))
+    for j in range(4):
+        for k in range(4):
+            # 1, 2, 4 and 5 are the slopes among all unknowns.
+            slopes[j, k] = covariance[1 + j + j // 2, 1 + k + k // 2]
+            if clipped[j // 2] or clipped[k // 2]:
+                slopes[j, k] = 0.0
+        slopes[j, j] += unseen**2 if clipped[j // 2] else bend[j // 2] ** 2
+    return np.linalg.inv(slopes)

@@ -6,7 +6,6 @@ among `Detection.refused`, with the reason.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
 import cv2
@@ -140,7 +139,7 @@ def detect_targets(
             targets.append(DetectedTarget(**outcome))
     targets, more = _refuse_doubles(targets)
     mirrored = _refuse_mirrored(targets, family, options)
-    refused = [r for r in refused if not _inside_any(r, targets)]
+    refused = _outside(refused, targets)
     if mirrored:
         return Detection(refused=(*refused, *more, *mirrored))
     targets.sort(key=lambda t: t.id)
@@ -214,11 +213,15 @@ def _saturation(image: Image, options: DetectionOptions, readings: list[judging.
     return highest if often else 65535.0
 
 
-def _inside_any(refused: RefusedTarget, targets: list[DetectedTarget]) -> bool:
-    return any(
-        math.dist(refused.center_px, target.center_px) < 0.5 * target.diameter_px
-        for target in targets
-    )
+def _outside(refused: list[RefusedTarget], targets: list[DetectedTarget]) -> list[RefusedTarget]:
+    """What was refused and does not lie in a dot that was found."""
+    if not refused or not targets:
+        return refused
+    places = np.array([r.center_px for r in refused])[:, None]
+    dots = np.array([t.center_px for t in targets])
+    apart = np.hypot(*np.moveaxis(places - dots, 2, 0))
+    alone = (apart >= 0.5 * np.array([t.diameter_px for t in targets])).all(axis=1)
+    return [r for r, keep in zip(refused, alone, strict=True) if keep]
 
 
 def _refuse_doubles(

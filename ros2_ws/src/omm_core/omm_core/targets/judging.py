@@ -12,18 +12,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_core.targets.centring import PARAMETERS, fit_dot, ring_light, ring_scatter
+from omm_core.targets.centring import (
+    PARAMETERS,
+    fit_dot,
+    planes_of,
+    ring_light,
+    ring_scatter,
+    slope_information,
+)
 from omm_core.targets.families import TargetFamily
-from omm_core.targets.reading import outline, read_ring, square_root
+from omm_core.targets.reading import (
+    MAX_PROFILE_RMS,
+    MAX_SECTOR_ERROR,
+    MIN_MARGIN,
+    outline,
+    read_ring,
+    square_root,
+)
 
 Floats = NDArray[np.float64]
 
-MIN_MARGIN = 0.15
-"""A sector nearer to the threshold (of a contrast of 1) is doubtful."""
-MAX_SECTOR_ERROR = 0.28
-"""How far a sector may be off what dot, blur and bits let expect."""
-MAX_PROFILE_RMS = 0.17
-"""The same for the root mean square around the ring."""
 LEAN_RADIUS_PX = 24.0
 """Smaller semi-axis from which on perspective is looked for within a target."""
 LEANS = np.array([-0.06, -0.04, -0.02, 0.0, 0.02, 0.04, 0.06])
@@ -219,6 +227,8 @@ class _Light:
 MAX_UNSEEN_SLOPE = 3e-3
 """Fall of light per dot radius (standard deviation, of the contrast) taken where it is clipped."""
 _SLOPES = np.array([1, 2, 4, 5])
+_KINDS = np.array([0, 0, 0, 1, 1, 1, 0, 1])
+"""Which of the unknowns of `centring.ring_light` are of set and which of clear."""
 
 
 def _ring_light(
@@ -240,9 +250,9 @@ def _ring_light(
     lost = clipped > 0.02 * count
     if lost.any():
         return _half_clipped(taken, lost)
-    if count.min() < 6 or np.linalg.cond(normal) > 1e7:
+    planes, solvable = planes_of(normal, right)
+    if count.min() < 6 or not solvable:
         return None
-    planes = np.linalg.solve(normal, right)
     squares, count = ring_scatter(taken, planes)
     pixels = np.maximum(count - 3.0, 0.0)
     return _Light(
@@ -333,18 +343,13 @@ def _light_prior(
     if light is None:
         return np.eye(4) / (0.1 * contrast) ** 2, np.zeros(4)
     noise = np.maximum(light.variances, read + gain * np.maximum(light.levels, 0.0))
-    weights = (1.0 / np.sqrt(noise))[[0, 0, 0, 1, 1, 1, 0, 1]]
-    covariance = np.linalg.inv(light.normal * np.outer(weights, weights))
+    weights = (1.0 / np.sqrt(noise))[_KINDS]
     # Light bends not quite alike in all directions: what that may do to the slope, per dot radius.
     bend = (1e-7 * r * r + 1e-4) * np.maximum(np.abs(light.levels), contrast)
-    slopes = covariance[np.ix_(_SLOPES, _SLOPES)] + np.diag(np.repeat(bend**2, 2))
     mean = light.slopes.copy()
-    for kind in np.flatnonzero(light.clipped):
-        block = slice(2 * kind, 2 * kind + 2)
-        slopes[block, :] = slopes[:, block] = 0.0
-        slopes[block, block] = np.eye(2) * (MAX_UNSEEN_SLOPE * contrast) ** 2
-        mean[block] = 0.0
-    return np.linalg.inv(slopes), mean
+    mean[np.repeat(light.clipped, 2)] = 0.0
+    unseen = MAX_UNSEEN_SLOPE * contrast
+    return slope_information(light.normal, weights, bend, light.clipped, unseen), mean
 
 
 def _noise(lights: list[_Light]) -> tuple[float, float]:

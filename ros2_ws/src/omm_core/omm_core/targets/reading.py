@@ -10,6 +10,12 @@ import numpy as np
 OUTLINE_RAYS = 48
 SAMPLES = 8
 """Samples of the ring per sector."""
+MIN_MARGIN = 0.15
+"""A sector nearer to the threshold (of a contrast of 1) is doubtful."""
+MAX_SECTOR_ERROR = 0.28
+"""How far a sector may be off what dot, blur and bits let expect."""
+MAX_PROFILE_RMS = 0.17
+"""The same for the root mean square around the ring."""
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -315,8 +321,9 @@ def read_ring(image, shape, lean, inner, outer, bits_count):  # type: ignore[no-
         for k in range(SAMPLES):
             total += error[(start + b * SAMPLES + k) % count] / SAMPLES
         facts[2] = max(facts[2], abs(total))
-    if facts[3] > 0.4:
-        return bits, facts
+    if facts[1] < MIN_MARGIN or facts[2] > MAX_SECTOR_ERROR or facts[3] > MAX_PROFILE_RMS:
+        return bits, facts  # refused anyway
+    count //= 2
     at = np.empty(1)
     at[0] = 1.0 + 0.5 * (inner - 1.0)
     gap = (
@@ -342,7 +349,7 @@ def read_ring(image, shape, lean, inner, outer, bits_count):  # type: ignore[no-
     for side in range(2):
         on = total = 0.0
         for i in range(count):
-            sector = int(math.floor((i + 0.5 - phase) / SAMPLES)) % n
+            sector = int(math.floor((2 * i + 1 - phase) / SAMPLES)) % n
             if bits[sector] == 1 and still[side, i] < math.inf:
                 total += 1.0
                 on += still[side, i] > 0.4

@@ -54,13 +54,33 @@ def find_dots(half, step, contrast, max_run, gap_ratio, read_ratio, found):  # t
                 left = edge_x[k - 1]
                 if 2 <= x - left <= max_run:
                     count = _test_run(
-                        half, left, x, y, peak < 0, contrast, gap_ratio, read_ratio, seen, found, count
+                        half,
+                        left,
+                        x,
+                        y,
+                        peak < 0,
+                        contrast,
+                        gap_ratio,
+                        read_ratio,
+                        seen,
+                        found,
+                        count,
                     )
             # What lies within the dot may have edges too: the outer ones are stronger.
             if strong != 0 and strong_x != edge_x[k - 1] and (strong > 0) != (peak > 0):
                 if 2 <= x - strong_x <= max_run and 3 * abs(peak) >= abs(strong):
                     count = _test_run(
-                        half, strong_x, x, y, peak < 0, contrast, gap_ratio, read_ratio, seen, found, count
+                        half,
+                        strong_x,
+                        x,
+                        y,
+                        peak < 0,
+                        contrast,
+                        gap_ratio,
+                        read_ratio,
+                        seen,
+                        found,
+                        count,
                     )
             if 3 * abs(peak) >= abs(strong) or x - strong_x > max_run:
                 strong_x, strong = x, peak
