@@ -166,10 +166,11 @@ def centre_of(
     """Centre and covariance; of a bare dot (beside an edge) through the fit alone."""
     if case.edge:
         from omm_core.targets import judging
+        from omm_core.targets.reading import outline
 
         radius = 0.5 * case.diameter_px
         start = np.array([*np.rint(near), radius**-2, 0.0, radius**-2, 1.0])
-        shape, ok = judging.outline(image, *start[:5], 1)
+        shape, ok = outline(image, *start[:5], 1)
         if not ok:
             return None
         reading = judging.Reading(

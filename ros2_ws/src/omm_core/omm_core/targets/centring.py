@@ -374,10 +374,10 @@ def ring_light(image, start, lean, inner, outer, bits, phase, s, saturation):  #
     normal = np.zeros((8, 8))
     right = np.zeros(8)
     count, clipped = np.zeros(2), np.zeros(2)
-    g = np.empty(8)
     rows = range(max(int(start[1] - reach), 0), min(int(start[1] + reach) + 1, height), stride)
     columns = range(max(int(start[0] - reach), 0), min(int(start[0] + reach) + 1, width), stride)
-    taken = np.empty((len(rows) * len(columns), 4))
+    most = len(rows) * len(columns)
+    taken, g, values = np.empty((most, 4)), np.empty((8, most)), np.empty(most)
     used = 0
     for row in rows:
         for col in columns:
@@ -414,20 +414,18 @@ def ring_light(image, start, lean, inner, outer, bits, phase, s, saturation):  #
                 clipped[0 if share > 0.5 else 1] += 1.0
                 continue
             tx, ty = dx / r0, dy / r0
-            g[0], g[1], g[2] = share, share * tx, share * ty
-            g[3], g[4], g[5] = 1.0 - share, (1.0 - share) * tx, (1.0 - share) * ty
             bend = tx * tx + ty * ty - 4.0
-            g[6], g[7] = share * bend, (1.0 - share) * bend
-            for j in range(8):
-                right[j] += g[j] * value
-                for k2 in range(j + 1):
-                    normal[j, k2] += g[j] * g[k2]
+            g[0, used], g[1, used], g[2, used] = share, share * tx, share * ty
+            g[3, used], g[4, used], g[5, used] = 1.0 - share, (1.0 - share) * tx, (1.0 - share) * ty
+            g[6, used], g[7, used] = share * bend, (1.0 - share) * bend
+            values[used] = value
             taken[used, 0], taken[used, 1], taken[used, 2], taken[used, 3] = share, tx, ty, value
             used += 1
             count[0 if share > 0.5 else 1] += 1.0
     for j in range(8):
-        for k2 in range(j):
-            normal[k2, j] = normal[j, k2]
+        right[j] = _product(g[j], values, used)
+        for k2 in range(j + 1):
+            normal[j, k2] = normal[k2, j] = _product(g[j], g[k2], used)
     return normal, right, count, clipped, taken[:used]
 
 

@@ -25,7 +25,7 @@ from omm_core.targets.reading import (
     MAX_PROFILE_RMS,
     MAX_SECTOR_ERROR,
     MIN_MARGIN,
-    outline,
+    dot_outline,
     read_ring,
     square_root,
 )
@@ -42,8 +42,6 @@ MAX_GAP = 0.45
 """Largest deviation from the background between dot and ring."""
 MAX_BESIDE = 0.35
 """Largest share of the set samples that is still set where the ring must have ended."""
-MIN_RADIUS_PX = 1.8
-"""Smaller semi-axis from which on a ring can be read."""
 MAX_MISFIT = 4.0
 """χ² per degree of freedom from which on it is not noise alone; the covariance grows with it."""
 MAX_RESIDUAL = 0.06
@@ -93,18 +91,8 @@ def read_target(
     image: NDArray[Any], family: TargetFamily, candidate: Floats
 ) -> Reading | dict[str, Any] | None:
     """Outline and number of a candidate; a refusal; or None where no target is."""
-    sign = int(candidate[5])
-    shape, ok = outline(image, *candidate[:5], sign)
-    if not ok:
-        return None
-    a11, a12, a22 = square_root(shape[2], shape[3], shape[4])
-    smaller = 0.5 * (a11 + a22 - math.hypot(a11 - a22, 2.0 * a12))
-    larger = 0.5 * (a11 + a22 + math.hypot(a11 - a22, 2.0 * a12))
-    if smaller < MIN_RADIUS_PX or larger > 3.0 * smaller:
-        return None
-    if shape[7] > 0.15 + 0.04 * smaller:
-        return None
-    return _read_ring(image, family, shape, sign)
+    shape, ok = dot_outline(image, candidate)
+    return _read_ring(image, family, shape, int(candidate[5])) if ok else None
 
 
 def _read_ring(

@@ -10,6 +10,8 @@ import numpy as np
 OUTLINE_RAYS = 48
 SAMPLES = 8
 """Samples of the ring per sector."""
+MIN_RADIUS_PX = 1.8
+"""Smaller semi-axis from which on a ring can be read."""
 MIN_MARGIN = 0.15
 """A sector nearer to the threshold (of a contrast of 1) is doubtful."""
 MAX_SECTOR_ERROR = 0.28
@@ -141,6 +143,27 @@ def outline(image, col, row, xx, xy, yy, sign):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
+def dot_outline(image, candidate):  # type: ignore[no-untyped-def]
+    """`outline` of a candidate (6,); and whether it is that of a dot that can be read."""
+    shape, ok = outline(
+        image,
+        candidate[0],
+        candidate[1],
+        candidate[2],
+        candidate[3],
+        candidate[4],
+        int(candidate[5]),
+    )
+    if not ok:
+        return shape, False
+    a11, a12, a22 = square_root(shape[2], shape[3], shape[4])
+    half = 0.5 * math.sqrt((a11 - a22) ** 2 + 4.0 * a12 * a12)
+    smaller, larger = 0.5 * (a11 + a22) - half, 0.5 * (a11 + a22) + half
+    ok = smaller >= MIN_RADIUS_PX and larger <= 3.0 * smaller and shape[7] <= 0.15 + 0.04 * smaller
+    return shape, ok
+
+
+@numba.njit(cache=True, error_model="numpy")
 def _conic(points):  # type: ignore[no-untyped-def]
     """Least squares a u² + 2 b u v + c v² + d u + e v = 1 through points near the unit circle."""
     normal = np.zeros((5, 5))
@@ -258,7 +281,7 @@ def expected_profile(a11, a12, a22, inner, outer, bits, phase, s, radii, count):
             radial += (_phi(z_in) - _phi(z_out)) / len(radii)
             mean_radius += radii[j] / len(radii)
         turn = (angle - phase) / pitch
-        k = int(math.floor(turn))
+        k = math.floor(turn)
         scale = pitch * mean_radius * side / s
         value = around[k + 1] + 0.0
         for m in range(k - 1, k + 3):
@@ -349,7 +372,7 @@ def read_ring(image, shape, lean, inner, outer, bits_count):  # type: ignore[no-
     for side in range(2):
         on = total = 0.0
         for i in range(count):
-            sector = int(math.floor((2 * i + 1 - phase) / SAMPLES)) % n
+            sector = math.floor((2 * i + 1 - phase) / SAMPLES) % n
             if bits[sector] == 1 and still[side, i] < math.inf:
                 total += 1.0
                 on += still[side, i] > 0.4

@@ -67,21 +67,21 @@ def find_dots(half, step, contrast, max_run, gap_ratio, read_ratio, found):  # t
                         count,
                     )
             # What lies within the dot may have edges too: the outer ones are stronger.
-            if strong != 0 and strong_x != edge_x[k - 1] and (strong > 0) != (peak > 0):
-                if 2 <= x - strong_x <= max_run and 3 * abs(peak) >= abs(strong):
-                    count = _test_run(
-                        half,
-                        strong_x,
-                        x,
-                        y,
-                        peak < 0,
-                        contrast,
-                        gap_ratio,
-                        read_ratio,
-                        seen,
-                        found,
-                        count,
-                    )
+            outer = strong != 0 and strong_x != edge_x[k - 1] and (strong > 0) != (peak > 0)
+            if outer and 2 <= x - strong_x <= max_run and 3 * abs(peak) >= abs(strong):
+                count = _test_run(
+                    half,
+                    strong_x,
+                    x,
+                    y,
+                    peak < 0,
+                    contrast,
+                    gap_ratio,
+                    read_ratio,
+                    seen,
+                    found,
+                    count,
+                )
             if 3 * abs(peak) >= abs(strong) or x - strong_x > max_run:
                 strong_x, strong = x, peak
         # On rough ground more must be asked of an edge, up to twice as much.
@@ -182,7 +182,7 @@ def _between(half, col, row):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, error_model="numpy")
 def _crossing(half, col, row, c, s, t, level, sign):  # type: ignore[no-untyped-def]
-    """Where a ray crosses the level, near its step t: the nearest pixel there is the first below."""
+    """Where a ray crosses the level, near step t: the nearest pixel there is the first below."""
     now = sign * (_between(half, col + t * c, row + t * s) - level)
     if now > 0.0:
         t += 1
