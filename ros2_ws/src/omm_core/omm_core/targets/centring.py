@@ -24,7 +24,7 @@ import math
 import numba
 import numpy as np
 
-from omm_core.targets.reading import square_root
+from omm_core.targets.reading import phi, square_root
 
 PARAMETERS = 12
 """col, row, xx, xy, yy, s, f0, fx, fy, b0, bx, by (slopes per dot radius)."""
@@ -350,8 +350,8 @@ def fit_dot(
 def ring_light(image, start, lean, inner, outer, bits, phase, s, saturation):  # type: ignore[no-untyped-def]
     """Planes of light F and B through what lies around the dot, ring and gap.
 
-    A pixel shows B + (F - B) R with R its share of the ring; where R is steep, a wrong radius would
-    look like light, so edges are left out.
+    A pixel shows B + (F - B) R with R its share of the ring; where R is not almost 0 or 1, a wrong
+    radius would look like light (0.002 px of a dot of 12 px), so edges are left out.
 
     Returns
     -------
@@ -405,9 +405,9 @@ def ring_light(image, start, lean, inner, outer, bits, phase, s, saturation):  #
                         continue
                     along = math.sqrt((a11 * u + a12 * v) ** 2 + (a12 * u + a22 * v) ** 2)
                     side = square * det / along
-                    share += (after - before) * _phi((turn - k) * pitch * side / s)
-                share *= _phi(z_in) * _phi(z_out)
-            if 0.12 < share < 0.88 or (share > 0.5 and z_out < 1.5):
+                    share += (after - before) * phi((turn - k) * pitch * side / s)
+                share *= phi(z_in) * phi(z_out)
+            if 0.01 < share < 0.99 or (share > 0.5 and z_out < 1.5):
                 continue
             value = image[row, col] + 0.0
             if value >= saturation or value <= 0.0:

@@ -240,7 +240,7 @@ _PHI = np.array([0.5 * math.erfc(-z / math.sqrt(2.0)) for z in np.arange(-256, 2
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _phi(z):  # type: ignore[no-untyped-def]
+def phi(z):  # type: ignore[no-untyped-def]
     """Normal distribution to 1e-5, from a table."""
     if z >= 4.0:
         return 1.0
@@ -278,7 +278,7 @@ def expected_profile(a11, a12, a22, inner, outer, bits, phase, s, radii, count):
         mean_radius = 0.0
         for j in range(len(radii)):
             z_in, z_out = (radii[j] - inner) * across / s, (radii[j] - outer) * across / s
-            radial += (_phi(z_in) - _phi(z_out)) / len(radii)
+            radial += (phi(z_in) - phi(z_out)) / len(radii)
             mean_radius += radii[j] / len(radii)
         turn = (angle - phase) / pitch
         k = math.floor(turn)
@@ -287,7 +287,7 @@ def expected_profile(a11, a12, a22, inner, outer, bits, phase, s, radii, count):
         for m in range(k - 1, k + 3):
             jump = around[m + 3] - around[m + 2]
             if jump != 0:
-                value += jump * _phi((turn - m) * scale)
+                value += jump * phi((turn - m) * scale)
         profile[i] = value * radial
     return profile
 
