@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from omm_core.errors import InputError
 from omm_core.targets import judging
 from omm_core.targets.families import TargetFamily, mirror_code
-from omm_core.targets.reading import within_any
 from omm_core.targets.search import find_dots
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
@@ -113,19 +112,10 @@ def detect_targets(
     options = options or DetectionOptions()
     _check(image, options)
     found = _search(image, family, options)
-    readings: list[judging.Reading] = []
-    rings = np.empty((len(found), 5))
-    refused = []
     # Large ones first: the sectors of a ring look like small dots, and need no second look.
-    for candidate in found[np.argsort(found[:, 2] + found[:, 4])]:
-        if within_any(rings, len(readings), candidate[0], candidate[1], family.ring_outer_ratio):
-            continue
-        outcome = judging.read_target(image, family, candidate)
-        if isinstance(outcome, judging.Reading):
-            rings[len(readings)] = outcome.outline[:5]
-            readings.append(outcome)
-        elif outcome is not None:
-            refused.append(RefusedTarget(**outcome))
+    candidates = found[np.argsort(found[:, 2] + found[:, 4])]
+    readings, doubtful = judging.read_targets(image, family, candidates)
+    refused = [RefusedTarget(**outcome) for outcome in doubtful]
     if options.centring == "fit" and readings:
         saturation = _saturation(image, options, readings)
         outcomes = judging.centre_all(image, family, readings, saturation)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omm_core.targets import reading
 from omm_core.targets.centring import (
     PARAMETERS,
     fit_dot,
@@ -21,14 +22,7 @@ from omm_core.targets.centring import (
     slope_information,
 )
 from omm_core.targets.families import TargetFamily
-from omm_core.targets.reading import (
-    MAX_PROFILE_RMS,
-    MAX_SECTOR_ERROR,
-    MIN_MARGIN,
-    dot_outline,
-    read_ring,
-    square_root,
-)
+from omm_core.targets.reading import read_candidates, read_ring, square_root, within_any
 
 Floats = NDArray[np.float64]
 
@@ -38,10 +32,6 @@ LEANS = np.array([-0.06, -0.04, -0.02, 0.0, 0.02, 0.04, 0.06])
 """Radius of the dot by its distance that is tried (a dot of 15 mm at 150 mm: 0.05)."""
 MIN_LEAN_GAIN = 0.9
 """By how much the ring must fit better with perspective (of the squared error) to believe it."""
-MAX_GAP = 0.45
-"""Largest deviation from the background between dot and ring."""
-MAX_BESIDE = 0.35
-"""Largest share of the set samples that is still set where the ring must have ended."""
 MAX_MISFIT = 4.0
 """χ² per degree of freedom from which on it is not noise alone; the covariance grows with it."""
 MAX_RESIDUAL = 0.06
@@ -87,38 +77,63 @@ def _refused(conic: Floats, reason: str) -> dict[str, Any]:
     }
 
 
-def read_target(
-    image: NDArray[Any], family: TargetFamily, candidate: Floats
-) -> Reading | dict[str, Any] | None:
-    """Outline and number of a candidate; a refusal; or None where no target is."""
-    shape, ok = dot_outline(image, candidate)
-    return _read_ring(image, family, shape, int(candidate[5])) if ok else None
-
-
-def _read_ring(
-    image: NDArray[Any], family: TargetFamily, shape: Floats, sign: int
-) -> Reading | dict[str, Any] | None:
-    lean = _perspective(image, family, shape)
-    bits, facts = read_ring(
-        image, shape, lean, family.ring_inner_ratio, family.ring_outer_ratio, family.bits
+def read_targets(
+    image: NDArray[Any], family: TargetFamily, candidates: Floats
+) -> tuple[list[Reading], list[dict[str, Any]]]:
+    """Outlines and numbers of the candidates (N, 6), large ones first; and what was refused."""
+    dots, shapes, bits, facts = read_candidates(
+        image, candidates, family.ring_inner_ratio, family.ring_outer_ratio, family.bits
     )
-    phase_rad, margin, sector_error, rms, gap, before, beyond, most = (float(f) for f in facts)
-    if math.isnan(phase_rad):
-        return _refused(shape, "the ring is cut by the border of the image")
-    if most < 0.5 or rms > 2.0 * MAX_PROFILE_RMS:
-        return None  # nothing ring-like: not worth a word
-    if margin < MIN_MARGIN:
-        return _refused(shape, "a sector of the ring is neither set nor clear")
-    if sector_error > MAX_SECTOR_ERROR or rms > MAX_PROFILE_RMS:
-        return _refused(
-            shape,
-            "the ring does not look as its own bits let expect: "
-            "something lies on it, or light falls on it",
-        )
-    if gap > MAX_GAP:
-        return _refused(shape, "something lies between dot and ring")
-    if max(before, beyond) > MAX_BESIDE:
+    readings: list[Reading] = []
+    rings = np.empty((len(dots), 5))
+    refused = []
+    for i, shape in enumerate(shapes):
+        lean = np.zeros(2)
+        bits_seen, seen = bits[i], facts[i]
+        if within_any(rings, len(readings), shape[0], shape[1], family.ring_outer_ratio):
+            continue
+        # Perspective blurs a ring; it does not make one of nothing, or of the image's border.
+        hopeless = reading.doubt(seen) in (reading.CUT, reading.NO_RING)
+        leaning = None if hopeless else _perspective(image, family, shape)
+        if leaning is not None:
+            lean = leaning
+            bits_seen, seen = read_ring(
+                image, shape, lean, family.ring_inner_ratio, family.ring_outer_ratio, family.bits
+            )
+        outcome = _number(family, shape, lean, int(candidates[dots[i], 5]), bits_seen, seen)
+        if isinstance(outcome, Reading):
+            rings[len(readings)] = shape[:5]
+            readings.append(outcome)
+        elif outcome is not None:
+            refused.append(outcome)
+    return readings, refused
+
+
+_DOUBTS = {
+    reading.CUT: "the ring is cut by the border of the image",
+    reading.UNCLEAR: "a sector of the ring is neither set nor clear",
+    reading.COVERED: "the ring does not look as its own bits let expect: "
+    "something lies on it, or light falls on it",
+    reading.FILLED: "something lies between dot and ring",
+}
+
+
+def _number(
+    family: TargetFamily,
+    shape: Floats,
+    lean: Floats,
+    sign: int,
+    bits: NDArray[np.int64],
+    facts: Floats,
+) -> Reading | dict[str, Any] | None:
+    """A reading; a refusal; or None where nothing ring-like is, which is not worth a word."""
+    against = reading.doubt(facts)
+    if against == reading.NO_RING:
+        return None
+    if against == reading.OTHER_WIDTH:
         return _refused(shape, f"the ring is not as wide as those of {family.name}")
+    if against != reading.NONE:
+        return _refused(shape, _DOUBTS[against])
     code = int("".join(map(str, bits)), 2)
     target_id = family.id_of(code)
     if target_id is None:
@@ -129,21 +144,22 @@ def _read_ring(
         lean=lean,
         sign=sign,
         bits=bits,
-        phase_rad=phase_rad,
-        margin=margin,
+        phase_rad=float(facts[0]),
+        margin=float(facts[1]),
     )
 
 
-def _perspective(image: NDArray[Any], family: TargetFamily, shape: Floats) -> Floats:
+def _perspective(image: NDArray[Any], family: TargetFamily, shape: Floats) -> Floats | None:
     """How much larger the near side of a tilted target is than its far side, (2,) per dot radius.
 
-    It lies along the ellipse's smaller axis. Of a small dot, which is far away, it cannot be seen.
+    It lies along the ellipse's smaller axis. None where there is none to be seen, as of a small
+    dot, which is far away.
     """
     a11, a12, a22 = square_root(shape[2], shape[3], shape[4])
     half = math.hypot(a11 - a22, 2.0 * a12)
     smaller, larger = 0.5 * (a11 + a22 - half), 0.5 * (a11 + a22 + half)
     if smaller < LEAN_RADIUS_PX or larger < 1.04 * smaller:
-        return np.zeros(2)
+        return None
     angle = 0.5 * math.atan2(2.0 * a12, a11 - a22) + 0.5 * math.pi
     axis = np.array([math.cos(angle), math.sin(angle)])
     # Lean is the dot's radius by its distance, times the sine of the tilt.
@@ -152,7 +168,7 @@ def _perspective(image: NDArray[Any], family: TargetFamily, shape: Floats) -> Fl
     middle = len(leans) // 2
     best = int(np.nanargmin(errors)) if np.isfinite(errors).any() else middle
     if errors[best] ** 2 > MIN_LEAN_GAIN * errors[middle] ** 2:
-        return np.zeros(2)
+        return None
     if not 0 < best < len(leans) - 1 or not np.isfinite(errors[best - 1 : best + 2]).all():
         return np.asarray(leans[best] * axis)
     before, at, after = errors[best - 1 : best + 2] ** 2

@@ -12,6 +12,10 @@ SAMPLES = 8
 """Samples of the ring per sector."""
 MIN_RADIUS_PX = 1.8
 """Smaller semi-axis from which on a ring can be read."""
+MAX_GAP = 0.45
+"""Largest deviation from the background between dot and ring."""
+MAX_BESIDE = 0.35
+"""Largest share of the set samples that is still set where the ring must have ended."""
 MIN_MARGIN = 0.15
 """A sector nearer to the threshold (of a contrast of 1) is doubtful."""
 MAX_SECTOR_ERROR = 0.28
@@ -378,3 +382,62 @@ def read_ring(image, shape, lean, inner, outer, bits_count):  # type: ignore[no-
                 on += still[side, i] > 0.4
         facts[5 + side] = on / total if total > 0.0 else 0.0
     return bits, facts
+
+
+NONE, CUT, NO_RING, UNCLEAR, COVERED, FILLED, OTHER_WIDTH = range(7)
+"""What may speak against a ring, in the order in which it is asked."""
+
+
+@numba.njit(cache=True, error_model="numpy")
+def doubt(facts):  # type: ignore[no-untyped-def]
+    """What speaks against a ring, from the facts of `read_ring`."""
+    if math.isnan(facts[0]):
+        return CUT
+    if facts[7] < 0.5 or facts[3] > 2.0 * MAX_PROFILE_RMS:
+        return NO_RING
+    if facts[1] < MIN_MARGIN:
+        return UNCLEAR
+    if facts[2] > MAX_SECTOR_ERROR or facts[3] > MAX_PROFILE_RMS:
+        return COVERED
+    if facts[4] > MAX_GAP:
+        return FILLED
+    if max(facts[5], facts[6]) > MAX_BESIDE:
+        return OTHER_WIDTH
+    return NONE
+
+
+@numba.njit(cache=True, error_model="numpy")
+def read_candidates(image, candidates, inner, outer, bits_count):  # type: ignore[no-untyped-def]
+    """Outline and ring of all candidates, without perspective.
+
+    Parameters
+    ----------
+    candidates : (N, 6), large ones first: the sectors of a ring look like small dots, and need no
+        second look.
+
+    Returns
+    -------
+    dots : (M,) which of the candidates are dots that can be read. shapes (M, 9), bits (M, n),
+    facts (M, 8) : see `outline` and `read_ring`.
+    """
+    n = len(candidates)
+    dots = np.empty(n, dtype=np.int64)
+    shapes, facts = np.empty((n, 9)), np.empty((n, 8))
+    bits = np.empty((n, bits_count), dtype=np.int64)
+    rings = np.empty((n, 5))
+    count = good = 0
+    straight = np.zeros(2)
+    for i in range(n):
+        if within_any(rings, good, candidates[i, 0], candidates[i, 1], outer):
+            continue
+        shape, ok = dot_outline(image, candidates[i])
+        if not ok:
+            continue
+        dots[count] = i
+        shapes[count] = shape
+        bits[count], facts[count] = read_ring(image, shape, straight, inner, outer, bits_count)
+        if doubt(facts[count]) == NONE:
+            rings[good] = shape[:5]
+            good += 1
+        count += 1
+    return dots[:count], shapes[:count], bits[:count], facts[:count]
