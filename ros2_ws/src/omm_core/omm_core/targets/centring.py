@@ -175,7 +175,6 @@ def fit_dot(
     reach = max(math.sqrt(a11 * a11 + a12 * a12), math.sqrt(a12 * a12 + a22 * a22))
     s_start = p[5]
     n = PARAMETERS
-    g = np.zeros(n)
     f_start, b_start = p[6], p[9]
     loose = 1.0 / (f_start - b_start) ** 2
     below = saturation - 4.5 * math.sqrt(read + gain * saturation)
@@ -188,30 +187,30 @@ def fit_dot(
     edge = 0
     for turn in range(15):
         used = 0
-        statistics[:] = 0.0
         s = p[5]
         det = p[2] * p[4] - p[3] * p[3]
         # What is edge and what is flat is settled by the first step.
         if turn < 2:
             edge = _sort_pixels(image, start, p, inner, below, pixels, flat)
+        per_s, per_r0, bulge = 1.0 / s, 1.0 / r0, 0.5 * s * s * det
+        set_pixels = clear_pixels = set_squares = clear_squares = chi2 = 0.0
         for index in range(edge):
             col, row = pixels[index, 0], pixels[index, 1]
             value = image[row, col] + 0.0
-            tx, ty = (col - x0) / r0, (row - y0) / r0
+            tx, ty = (col - x0) * per_r0, (row - y0) * per_r0
             dx, dy = col - p[0], row - p[1]
             mx, my = p[2] * dx + p[3] * dy, p[3] * dx + p[4] * dy
             square = dx * mx + dy * my
             rho = math.sqrt(square) + 1e-12
-            norm = math.sqrt(mx * mx + my * my) + 1e-12
-            length = rho / norm
+            per_norm = 1.0 / (math.sqrt(mx * mx + my * my) + 1e-12)
+            length = rho * per_norm
             d = (rho - 1.0) * length
             f = p[6] + p[7] * tx + p[8] * ty
             b = p[9] + p[10] * tx + p[11] * ty
             near = rho > 0.3
             if near:
-                on_edge = norm / rho
-                d += 0.5 * s * s * det / (on_edge * on_edge * on_edge)
-            z = -d / s
+                d += bulge * length * length * length
+            z = -d * per_s
             if z > 4.5 or not near:
                 share, slope = 1.0, 0.0
             elif z < -4.5:
@@ -232,28 +231,28 @@ def fit_dot(
             if clipped[index]:
                 continue
             residual = value - model
-            w = 1.0 / variance
-            half = 0 if share > 0.5 else 2
-            statistics[half] += 1.0
-            statistics[half + 1] += residual * residual
-            statistics[4] += residual * residual * w
-            statistics[5] += 1.0
-            g[6], g[7], g[8] = share, share * tx, share * ty
-            g[9], g[10], g[11] = 1.0 - share, (1.0 - share) * tx, (1.0 - share) * ty
-            if slope == 0.0:
-                g[:6] = 0.0
+            root = 1.0 / sigma
+            chi2 += (residual * root) ** 2
+            if share > 0.5:
+                set_pixels += 1.0
+                set_squares += residual * residual
             else:
-                steep = (f - b) * slope / s
-                g[0], g[1] = steep * mx / norm, steep * my / norm
-                g[2] = -steep * 0.5 * dx * dx / norm
-                g[3] = -steep * dx * dy / norm
-                g[4] = -steep * 0.5 * dy * dy / norm
-                g[5] = steep * d / s
-            root = math.sqrt(w)
-            for j in range(PARAMETERS):
-                rows[j, used] = root * g[j]
+                clear_pixels += 1.0
+                clear_squares += residual * residual
+            steep = (f - b) * slope * per_s * root
+            across_x, across_y = steep * mx * per_norm, steep * my * per_norm
+            bend = -0.5 * steep * per_norm
+            on, off = root * share, root * (1.0 - share)
+            rows[0, used], rows[1, used] = across_x, across_y
+            rows[2, used], rows[3, used] = bend * dx * dx, 2.0 * bend * dx * dy
+            rows[4, used], rows[5, used] = bend * dy * dy, steep * d * per_s
+            rows[6, used], rows[7, used], rows[8, used] = on, on * tx, on * ty
+            rows[9, used], rows[10, used], rows[11, used] = off, off * tx, off * ty
             rests[used] = root * residual
             used += 1
+        statistics[0], statistics[1] = set_pixels, set_squares
+        statistics[2], statistics[3] = clear_pixels, clear_squares
+        statistics[4], statistics[5] = chi2, set_pixels + clear_pixels
         normal, right = np.empty((n, n)), np.empty(n)
         for j in range(n):
             right[j] = _product(rows[j], rests, used)
@@ -347,11 +346,11 @@ def fit_dot(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def ring_light(image, start, lean, inner, outer, bits, phase, s, saturation):  # type: ignore[no-untyped-def]
+def ring_light(image, start, lean, inner, outer, bits, phase, s, saturation, mixed):  # type: ignore[no-untyped-def]
     """Planes of light F and B through what lies around the dot, ring and gap.
 
-    A pixel shows B + (F - B) R with R its share of the ring; where R is not almost 0 or 1, a wrong
-    radius would look like light (0.002 px of a dot of 12 px), so edges are left out.
+    A pixel shows B + (F - B) R with R its share of the ring; where R is not almost 0 or 1 (nearer
+    than `mixed`), a wrong radius would look like light, so edges are left out.
 
     Returns
     -------
@@ -407,7 +406,7 @@ def ring_light(image, start, lean, inner, outer, bits, phase, s, saturation):  #
                     side = square * det / along
                     share += (after - before) * phi((turn - k) * pitch * side / s)
                 share *= phi(z_in) * phi(z_out)
-            if 0.01 < share < 0.99 or (share > 0.5 and z_out < 1.5):
+            if mixed < share < 1.0 - mixed or (share > 0.5 and z_out < 1.5):
                 continue
             value = image[row, col] + 0.0
             if value >= saturation or value <= 0.0:

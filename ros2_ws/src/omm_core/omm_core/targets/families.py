@@ -9,7 +9,7 @@ code's rank in ascending order, from 1.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import Literal
 
 import numpy as np
@@ -66,6 +66,14 @@ def _codes(maker: Maker, bits: int) -> NDArray[np.int64]:
         values, rotated = values[kept], rotated[kept]
     values.setflags(write=False)
     return values
+
+
+@lru_cache(maxsize=4096)
+def _id_of(maker: Maker, bits: int, code: int) -> int | None:
+    codes = _codes(maker, bits)
+    smallest = smallest_rotation(code, bits)
+    rank = int(np.searchsorted(codes, smallest))
+    return rank + 1 if rank < len(codes) and int(codes[rank]) == smallest else None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,11 +150,7 @@ class TargetFamily:
 
     def id_of(self, code: int) -> int | None:
         """Return the number of a code in any rotation, or None where the family lacks it."""
-        smallest = smallest_rotation(code, self.bits)
-        rank = int(np.searchsorted(self.codes, smallest))
-        if rank < len(self.codes) and int(self.codes[rank]) == smallest:
-            return rank + 1
-        return None
+        return _id_of(self.maker, self.bits, code)
 
 
 def family_names() -> tuple[str, ...]:

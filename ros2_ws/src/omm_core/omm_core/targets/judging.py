@@ -231,6 +231,9 @@ class _Light:
 MAX_UNSEEN_SLOPE = 3e-3
 """Fall of light per dot radius (standard deviation, of the contrast) taken where it is clipped."""
 _SLOPES = np.array([1, 2, 4, 5])
+MIXED = (0.01, 0.12)
+"""Share of set in a clear pixel, or of clear in a set one, up to which it tells of light. With the
+second a dot of 12 px is off by 0.002 px, so it serves only where there are too few pixels."""
 _KINDS = np.array([0, 0, 0, 1, 1, 1, 0, 1])
 """Which of the unknowns of `centring.ring_light` are of set and which of clear."""
 
@@ -240,17 +243,21 @@ def _ring_light(
 ) -> _Light | None:
     """Light around the dot, or None where too little of the ring can be used."""
     s = max(float(reading.outline[8]), 0.35)
-    normal, right, count, clipped, taken = ring_light(
-        image,
-        reading.outline,
-        reading.lean,
-        family.ring_inner_ratio,
-        family.ring_outer_ratio,
-        reading.bits,
-        reading.phase_rad,
-        s,
-        saturation,
-    )
+    for mixed in MIXED:
+        normal, right, count, clipped, taken = ring_light(
+            image,
+            reading.outline,
+            reading.lean,
+            family.ring_inner_ratio,
+            family.ring_outer_ratio,
+            reading.bits,
+            reading.phase_rad,
+            s,
+            saturation,
+            mixed,
+        )
+        if count.min() >= 12:
+            break
     lost = clipped > 0.02 * count
     if lost.any():
         return _half_clipped(taken, lost)

@@ -139,10 +139,10 @@ def _test_run(half, left, right, y, bright, contrast, gap_ratio, read_ratio, see
     if up > limit or y - up < 0:
         return count
     down = 1
-    most = up + 2 + (up >> 2)
+    most = up + 2 + (up >> 3)
     while down <= most and y + down < height and sign * (np.int64(half[y + down, x]) - level) > 0:
         down += 1
-    if down > most or y + down >= height or up > down + 2 + (down >> 2):
+    if down > most or y + down >= height or up > down + 2 + (down >> 3):
         return count
     if right - left > 3 * (up + down):
         return count
