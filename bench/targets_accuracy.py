@@ -1,6 +1,6 @@
 """Centres of dots against the Cramér–Rao bound: RMSE, bias and covariance.
 
-    ./omm python bench/targets_accuracy.py [--draws 1000]
+    ./omm exec python bench/targets_accuracy.py [--draws 1000]
 
 The bound is that of the centre of a blurred ellipse whose centre, shape, size, blur and two grey
 levels are unknown, in the pixels up to halfway to the ring; rendered with exact areas at another
@@ -197,10 +197,10 @@ def main() -> None:
     print(f"{args.draws} draws each; RMSE per axis and bias in 10⁻³ px; NEES should be 2")
     print("| image | bound | RMSE | RMSE / bound | bias | NEES | found |")
     print("|---|---|---|---|---|---|---|")
-    for case in CASES:
+    for seed, case in enumerate(CASES):
         if args.only not in case.name:
             continue
-        r = run_case(case, args.draws)
+        r = run_case(case, args.draws, seed)
         print(
             f"| {case.name} | {1e3 * r['bound']:.2f} | {1e3 * r['rmse']:.2f} "
             f"| {r['rmse'] / r['bound']:.3f} | {1e3 * r['bias']:.2f} | {r['nees']:.2f} "

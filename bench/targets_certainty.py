@@ -1,6 +1,6 @@
 """Wrong, missed and right numbers over the working range.
 
-    ./omm python bench/targets_certainty.py [--draws 20000]
+    ./omm exec python bench/targets_certainty.py [--draws 20000]
 
 Dots of 8 to 120 px, tilts to 60°, contrasts from 20 DN, blur to 2 px, saturated or not, cut by the
 border, both polarities, all families of 12 and 14 bit, amid machined metal with bright ellipses,
