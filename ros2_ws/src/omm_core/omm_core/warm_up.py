@@ -2,10 +2,12 @@
 
 Both functions measure something small that needs no file. They may run side by side.
 
-python -m omm_core.warm_up
+python -m omm_core.warm_up [detection | estimation]
 """
 
 from __future__ import annotations
+
+import sys
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,5 +84,7 @@ def _drawing(family: TargetFamily, target_id: int) -> NDArray[np.uint8]:
 
 
 if __name__ == "__main__":
-    warm_up_detection()
-    warm_up_estimation()
+    if "estimation" not in sys.argv:
+        warm_up_detection()
+    if "detection" not in sys.argv:
+        warm_up_estimation()
