@@ -29,9 +29,10 @@ from omm_core.estimation.adjustment import (  # noqa: E402
     adjust,
     refine,
 )
-from omm_core.estimation.kernels import gauss_newton, inverse  # noqa: E402
+from omm_core.estimation.kernels import gauss_newton  # noqa: E402
 from omm_core.estimation.monte_carlo import solve_each  # noqa: E402
 from omm_core.geometry import holder_rotation, rotation_from_euler_xyz_rad  # noqa: E402
+from omm_core.linear_algebra import inverse  # noqa: E402
 
 SIGMA_PX = 0.05
 REPLICATES = 10_000

@@ -15,7 +15,6 @@ from omm_core.estimation.kernels import (
     lens_pixel,
     normal_equations,
     rotate,
-    solve_damped,
     workspace,
 )
 from omm_core.estimation.start import Start
@@ -149,18 +148,6 @@ def test_rotation_step_is_rodrigues_near_identity_too():
         quaternion = [*(np.sin(angle / 2) * axis), np.cos(angle / 2)]
         expected = RigidTransform.from_quaternion_xyzw(quaternion).rotation
         assert np.allclose(rotated, expected, atol=1e-15)
-
-
-def test_singular_equations_are_told_and_damped_ones_solved():
-    L, step = np.empty((7, 7)), np.zeros(7)
-    N = np.diag([1.0, 2, 3, 4, 5, 6, 0])
-    assert not solve_damped(N, np.ones(7), 7, 0.0, L, step)
-    assert solve_damped(N, np.ones(7), 6, 0.0, L, step)
-    assert np.allclose(step[:6], -1.0 / np.arange(1, 7))
-    singular = np.ones((7, 7))
-    assert not solve_damped(singular, np.ones(7), 7, 0.0, L, step)
-    assert solve_damped(singular, np.ones(7), 7, 1.0, L, step)
-    assert np.allclose((singular + np.eye(7)) @ step, -1.0)
 
 
 def test_a_start_that_does_not_see_the_targets_ends_without_a_solution():

@@ -28,6 +28,7 @@ import numpy as np
 from numba import njit
 
 from omm_core.circle import ANGLES, BOUNDARY_POINTS, QUADRATURE_ANGLES
+from omm_core.linear_algebra import copy_to, solve_damped
 
 # Divisions need no check (NaN is checked where it matters); products may be fused and reordered.
 _FASTMATH = {"contract", "reassoc", "arcp", "nsz"}
@@ -342,53 +343,6 @@ def rotate(R, wx, wy, wz, rotated):
 
 
 @_compiled
-def solve_damped(N, g, size, damping, L, step):
-    """Fill step = -(N + damping diag N)⁻¹ g by Cholesky; False where not definite.
-
-    L (size, size) is room to work in; it comes out with the inverse of its diagonal.
-    """
-    for j in range(size):
-        value = N[j, j] * (1.0 + damping)
-        for k in range(j):
-            value -= L[j, k] * L[j, k]
-        if not value > 1e-15 * N[j, j]:
-            return False
-        inverse = 1.0 / math.sqrt(value)
-        L[j, j] = inverse
-        step_j = -g[j]
-        for k in range(j):
-            step_j -= L[j, k] * step[k]
-        step[j] = step_j * inverse
-        for i in range(j + 1, size):
-            value = N[i, j]
-            for k in range(j):
-                value -= L[i, k] * L[j, k]
-            L[i, j] = value * inverse
-    for i in range(size - 1, -1, -1):
-        value = step[i] * L[i, i]
-        step[i] = value
-        for k in range(i):
-            step[k] -= L[i, k] * value
-    return True
-
-
-@_compiled
-def inverse(N):
-    """Return the inverse of a positive definite matrix (u, u), symmetric; NaN where it is not."""
-    u = N.shape[0]
-    L, unit, column, inverted = np.empty((u, u)), np.zeros(u), np.zeros(u), np.empty((u, u))
-    for j in range(u):
-        unit[j] = -1.0
-        if not solve_damped(N, unit, u, 0.0, L, column):
-            inverted[:, :] = np.nan
-            return inverted
-        unit[j] = 0.0
-        for i in range(j + 1):
-            inverted[i, j] = inverted[j, i] = column[i]
-    return inverted
-
-
-@_compiled
 def gauss_newton(lens, kind, R_calib, d_calib, R_cnc, d_cnc, image_of, target_of, points,
                  measured, information, size, iterations, tolerance,
                  R, d0, gamma, N):  # fmt: skip
@@ -448,11 +402,13 @@ def gauss_newton(lens, kind, R_calib, d_calib, R_cnc, d_cnc, image_of, target_of
         short = length2 < 1e-8 + 1e-10 * cost
         if cost_new <= cost or (short and cost_new < np.inf):
             cost = cost_new
-            R[:, :] = R_new
-            d0[:] = d_new
+            copy_to(R, R_new)
+            copy_to(N, N_new)
+            for i in range(3):
+                d0[i] = d_new[i]
+            for i in range(7):
+                g[i] = g_new[i]
             gamma[0] = gamma_new
-            N[:, :] = N_new
-            g[:] = g_new
             if last and damping < 1e-3:
                 return cost, iteration
             damping = damping * 0.1 if damping > 1e-9 else 0.0

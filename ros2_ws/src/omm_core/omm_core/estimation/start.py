@@ -22,7 +22,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from omm_core.estimation.kernels import rotate, set_camera, solve_damped
+from omm_core.estimation.kernels import rotate, set_camera
+from omm_core.linear_algebra import copy_to, solve_damped
 
 Array = NDArray[np.float64]
 
@@ -134,7 +135,7 @@ def _descend(M, m, c, R):
     R_new = np.empty((3, 3))
     cost = np.inf
     damping = 1e-3
-    R_new[:, :] = R
+    copy_to(R_new, R)
     for _ in range(40):
         for i in range(3):
             for k in range(3):
@@ -148,7 +149,7 @@ def _descend(M, m, c, R):
         if new <= cost:
             settled = cost - new <= 1e-10 * abs(new)
             cost = new
-            R[:, :] = R_new
+            copy_to(R, R_new)
             if settled:
                 break
             damping *= 0.2
@@ -172,7 +173,7 @@ def _descend(M, m, c, R):
                     N[a, 2] += G[i, a] * h2
         else:
             damping = max(1e-3, damping * 8.0)
-        if not solve_damped(N, g, 3, damping, L, step):
+        if not solve_damped(N, g, N.shape[0], damping, L, step):
             damping = max(1e-3, damping * 8.0)
             if damping > 1e9:
                 break
@@ -194,7 +195,7 @@ def _minima(rays, R_calib, d_calib, R_cnc, d_cnc, image_of, X, gammas, cube, fou
             continue
         first = count
         for s in range(cube.shape[0]):
-            R[:, :] = cube[s]
+            copy_to(R, cube[s])
             cost = _descend(M, m, c, R)
             known = False
             for f in range(first, count):

@@ -21,8 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.estimation.adjustment import Adjustment, predictions
-from omm_core.estimation.kernels import inverse, predict_all, rotate
+from omm_core.estimation.kernels import predict_all, rotate
 from omm_core.estimation.problem import Problem, SolveOptions
+from omm_core.linear_algebra import inverse
 
 Array = NDArray[np.float64]
 

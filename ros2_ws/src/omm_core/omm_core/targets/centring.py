@@ -24,6 +24,7 @@ import math
 import numba
 import numpy as np
 
+from omm_core.linear_algebra import invert
 from omm_core.targets.reading import phi, square_root
 
 PARAMETERS = 12
@@ -174,7 +175,7 @@ def fit_dot(
     r0 = math.sqrt(area)
     reach = max(math.sqrt(a11 * a11 + a12 * a12), math.sqrt(a12 * a12 + a22 * a22))
     s_start = p[5]
-    n = PARAMETERS
+    n = np.int64(PARAMETERS)
     f_start, b_start = p[6], p[9]
     loose = 1.0 / (f_start - b_start) ** 2
     below = saturation - 4.5 * math.sqrt(read + gain * saturation)
@@ -184,9 +185,11 @@ def fit_dot(
     pixels, flat = np.empty((most, 2), dtype=np.int64), np.zeros((2, 10))
     rows, rests = np.empty((PARAMETERS, most)), np.empty(most)
     clipped = np.zeros(most, dtype=np.bool_)
+    normal, right, inverse = np.empty((n, n)), np.empty(n), np.empty((n, n))
+    scale, step = np.empty(n), np.empty(n)
     edge = 0
     for turn in range(15):
-        used = 0
+        used = np.int64(0)
         s = p[5]
         det = p[2] * p[4] - p[3] * p[3]
         # What is edge and what is flat is settled by the first step.
@@ -253,7 +256,6 @@ def fit_dot(
         statistics[0], statistics[1] = set_pixels, set_squares
         statistics[2], statistics[3] = clear_pixels, clear_squares
         statistics[4], statistics[5] = chi2, set_pixels + clear_pixels
-        normal, right = np.empty((n, n)), np.empty(n)
         for j in range(n):
             right[j] = _product(rows[j], rests, used)
             for k in range(j + 1):
@@ -297,7 +299,6 @@ def fit_dot(
         normal[9, 9] += loose
         right[6] += loose * (f_start - p[6])
         right[9] += loose * (b_start - p[9])
-        scale = np.empty(n)
         for j in range(n):
             if not normal[j, j] > 0.0:
                 return False
@@ -305,10 +306,10 @@ def fit_dot(
         for j in range(n):
             for k in range(j + 1):
                 normal[j, k] *= scale[j] * scale[k]
-                normal[k, j] = normal[j, k]
-        inverse = np.linalg.inv(normal)
-        step = np.zeros(n)
+        if not invert(normal, inverse):
+            return False
         for j in range(n):
+            step[j] = 0.0
             for k in range(n):
                 step[j] += inverse[j, k] * right[k] * scale[k]
             step[j] *= scale[j]
@@ -340,7 +341,7 @@ def fit_dot(
             if move * move < limit:
                 converged = True
                 # The sums are from before this step, which takes so much off χ².
-                statistics[4] = max(statistics[4] - np.dot(step, right), 0.0)
+                statistics[4] = max(statistics[4] - _product(step, right, n), 0.0)
                 break
     return converged and sign * (p[6] - p[9]) > 0.0
 
@@ -377,7 +378,7 @@ def ring_light(image, start, lean, inner, outer, bits, phase, s, saturation, mix
     columns = range(max(int(start[0] - reach), 0), min(int(start[0] + reach) + 1, width), stride)
     most = len(rows) * len(columns)
     taken, g, values = np.empty((most, 4)), np.empty((8, most)), np.empty(most)
-    used = 0
+    used = np.int64(0)
     for row in rows:
         for col in columns:
             dx, dy = col - start[0], row - start[1]
@@ -453,10 +454,21 @@ def planes_of(normal, right):  # type: ignore[no-untyped-def]
         if not normal[j, j] > 0.0:
             return scale, False
         scale[j] = 1.0 / math.sqrt(normal[j, j])
-    inverse = np.linalg.inv(normal * np.outer(scale, scale) + 1e-13 * np.eye(8))
-    # How much less is known of one unknown because the others are unknown too.
-    solvable = np.diag(inverse).min() > 0.0 and np.diag(inverse).max() < 1e4
-    return np.dot(inverse, right * scale) * scale, solvable
+    scaled, inverse, planes = np.empty((8, 8)), np.empty((8, 8)), np.zeros(8)
+    for j in range(8):
+        for k in range(j + 1):
+            scaled[j, k] = normal[j, k] * scale[j] * scale[k]
+        scaled[j, j] += 1e-13
+    solvable = invert(scaled, inverse)
+    if not solvable:
+        return planes, False
+    for j in range(8):
+        for k in range(8):
+            planes[j] += inverse[j, k] * right[k] * scale[k]
+        planes[j] *= scale[j]
+        # How much less is known of one unknown because the others are unknown too.
+        solvable = solvable and inverse[j, j] < 1e4
+    return planes, solvable
 
 
 @numba.njit(cache=True)
@@ -469,8 +481,13 @@ def slope_information(normal, weights, bend, clipped, unseen):  # type: ignore[n
     bend (2,), unseen : standard deviation to add (set, clear), and that of slopes not seen.
     clipped (2,) : where set or clear tell nothing.
     """
-    covariance = np.linalg.inv(normal * np.outer(weights, weights))
-    slopes = np.empty((4, 4))
+    weighted, covariance = np.empty((8, 8)), np.empty((8, 8))
+    slopes, information = np.empty((4, 4)), np.zeros((4, 4))
+    for j in range(8):
+        for k in range(8):
+            weighted[j, k] = normal[j, k] * weights[j] * weights[k]
+    if not invert(weighted, covariance):
+        return information  # nothing is known of them
     for j in range(4):
         for k in range(4):
             # 1, 2, 4 and 5 are the slopes among all unknowns.
@@ -478,4 +495,6 @@ def slope_information(normal, weights, bend, clipped, unseen):  # type: ignore[n
             if clipped[j // 2] or clipped[k // 2]:
                 slopes[j, k] = 0.0
         slopes[j, j] += unseen**2 if clipped[j // 2] else bend[j // 2] ** 2
-    return np.linalg.inv(slopes)
+    if not invert(slopes, information):
+        information[:] = 0.0
+    return information

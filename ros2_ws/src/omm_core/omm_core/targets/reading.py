@@ -7,6 +7,8 @@ import math
 import numba
 import numpy as np
 
+from omm_core.linear_algebra import solve_damped
+
 OUTLINE_RAYS = 48
 SAMPLES = 8
 """Samples of the ring per sector."""
@@ -73,7 +75,7 @@ def outline(image, col, row, xx, xy, yy, sign):  # type: ignore[no-untyped-def]
     ok : False where the edge is not found all around.
     """
     result = np.empty(9)
-    points = np.empty((OUTLINE_RAYS, 2))
+    points, p = np.empty((OUTLINE_RAYS, 2)), np.empty(5)
     for turn in range(2):
         # A first look with few rays turns most of what is no dot away.
         rays = OUTLINE_RAYS // 4 if turn == 0 else OUTLINE_RAYS
@@ -115,7 +117,8 @@ def outline(image, col, row, xx, xy, yy, sign):  # type: ignore[no-untyped-def]
             # A Gaussian edge of height h is h / (sqrt(2 pi) sigma) steep.
             slope = steepest / (step * length)
             width += abs(v_in - v_out) / (2.5066 * max(slope, 1e-9)) / rays
-        p = _conic(points[:rays])
+        if not _conic(points, rays, p):
+            return result, False
         det = p[0] * p[2] - p[1] * p[1]
         if not det > 0.05:
             return result, False
@@ -142,7 +145,8 @@ def outline(image, col, row, xx, xy, yy, sign):  # type: ignore[no-untyped-def]
         yy = b21 * i12 + b22 * i22
         col += a11 * du + a12 * dv
         row += a12 * du + a22 * dv
-        result[:] = np.array([col, row, xx, xy, yy, level_in, level_out, math.sqrt(off), width])
+        result[0], result[1], result[2], result[3], result[4] = col, row, xx, xy, yy
+        result[5], result[6], result[7], result[8] = level_in, level_out, math.sqrt(off), width
     return result, True
 
 
@@ -168,19 +172,20 @@ def dot_outline(image, candidate):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _conic(points):  # type: ignore[no-untyped-def]
-    """Least squares a u² + 2 b u v + c v² + d u + e v = 1 through points near the unit circle."""
+def _conic(points, count, conic):  # type: ignore[no-untyped-def]
+    """Fill (a, b, c, d, e): least squares a u² + 2 b u v + c v² + d u + e v = 1 through points near
+    the unit circle; False where they do not fix it."""
     normal = np.zeros((5, 5))
     right = np.zeros(5)
     g = np.empty(5)
-    for i in range(len(points)):
+    for i in range(count):
         u, v = points[i, 0], points[i, 1]
         g[0], g[1], g[2], g[3], g[4] = u * u, 2 * u * v, v * v, u, v
         for j in range(5):
-            right[j] += g[j]
+            right[j] -= g[j]
             for k in range(5):
                 normal[j, k] += g[j] * g[k]
-    return np.linalg.solve(normal, right)
+    return solve_damped(normal, right, normal.shape[0], 0.0, np.empty((5, 5)), conic)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -321,27 +326,36 @@ def read_ring(image, shape, lean, inner, outer, bits_count):  # type: ignore[no-
     col, row, base, height = shape[0], shape[1], shape[6], shape[5] - shape[6]
     s = max(shape[8], 0.4)
     middle, spread = 0.5 * (inner + outer), 0.25 * (outer - inner)
-    radii = np.array([middle - spread, middle, middle + spread])
-    ring = (
-        ring_profile(image, col, row, a11, a12, a22, lean[0], lean[1], radii, count) - base
-    ) / height
+    radii = np.empty(3)
+    radii[0], radii[1], radii[2] = middle - spread, middle, middle + spread
+    ring = ring_profile(image, col, row, a11, a12, a22, lean[0], lean[1], radii, count)
     for i in range(count):
         if math.isnan(ring[i]):
             facts[0] = math.nan
             return bits, facts
+        ring[i] = (ring[i] - base) / height
     values, phase = read_bits(ring, n)
     bits[:] = 1
-    values /= expected_profile(a11, a12, a22, inner, outer, bits, 0.0, s, radii, 16).mean()
-    facts[7] = values.max()
-    facts[1] = np.abs(values - 0.5).min()
+    places = np.int64(16)
+    all_set = expected_profile(a11, a12, a22, inner, outer, bits, 0.0, s, radii, places)
+    level = 0.0
+    for i in range(places):
+        level += all_set[i] / places
+    facts[1] = math.inf
     for b in range(n):
-        bits[b] = 1 if values[b] > 0.5 else 0
+        value = values[b] / level
+        facts[7] = max(facts[7], value) if b > 0 else value
+        facts[1] = min(facts[1], abs(value - 0.5))
+        bits[b] = 1 if value > 0.5 else 0
     facts[0] = phase * 2.0 * math.pi / count
     if facts[7] < 0.5 or facts[1] < 0.1:
         facts[3] = 1.0 if facts[1] >= 0.1 else 0.0
         return bits, facts
-    error = ring - expected_profile(a11, a12, a22, inner, outer, bits, facts[0], s, radii, count)
-    facts[3] = math.sqrt(np.mean(error * error))
+    error = expected_profile(a11, a12, a22, inner, outer, bits, facts[0], s, radii, count)
+    for i in range(count):
+        error[i] = ring[i] - error[i]
+        facts[3] += error[i] * error[i] / count
+    facts[3] = math.sqrt(facts[3])
     start = int(phase + 0.5)
     for b in range(n):
         total = 0.0
@@ -353,10 +367,9 @@ def read_ring(image, shape, lean, inner, outer, bits_count):  # type: ignore[no-
     count //= 2
     at = np.empty(1)
     at[0] = 1.0 + 0.5 * (inner - 1.0)
-    gap = (
-        ring_profile(image, col, row, a11, a12, a22, lean[0], lean[1], at, 4 * n) - base
-    ) / height
-    facts[4] = np.abs(gap).max()
+    gap = ring_profile(image, col, row, a11, a12, a22, lean[0], lean[1], at, count)
+    for i in range(count):
+        facts[4] = max(facts[4], abs(gap[i] - base) / height)
     # Where the dot is saturated, all that is bright looks wider, by up to about s.
     highest = 254.5 if image.itemsize == 1 else 65534.5
     wider = s / math.sqrt(a11 * a22 - a12 * a12) if not 0.5 < shape[5] < highest else 0.0
@@ -365,14 +378,13 @@ def read_ring(image, shape, lean, inner, outer, bits_count):  # type: ignore[no-
     still[:] = math.inf
     for place in range(3):
         at[0] = inner - 0.3 - wider if place == 0 else outer + (0.2 if place == 1 else 0.35)
-        seen = (
-            ring_profile(image, col, row, a11, a12, a22, lean[0], lean[1], at, count) - base
-        ) / height
+        seen = ring_profile(image, col, row, a11, a12, a22, lean[0], lean[1], at, count)
         expected = expected_profile(a11, a12, a22, inner, outer, bits, facts[0], s, at, count)
         side = min(place, 1)
         for i in range(count):
             if not math.isnan(seen[i]):
-                still[side, i] = min(still[side, i], seen[i] - expected[i])
+                rest = (seen[i] - base) / height - expected[i]
+                still[side, i] = min(still[side, i], rest)
     for side in range(2):
         on = total = 0.0
         for i in range(count):
@@ -425,7 +437,7 @@ def read_candidates(image, candidates, inner, outer, bits_count):  # type: ignor
     shapes, facts = np.empty((n, 9)), np.empty((n, 8))
     bits = np.empty((n, bits_count), dtype=np.int64)
     rings = np.empty((n, 5))
-    count = good = 0
+    count = good = np.int64(0)
     straight = np.zeros(2)
     for i in range(n):
         if within_any(rings, good, candidates[i, 0], candidates[i, 1], outer):
@@ -434,10 +446,16 @@ def read_candidates(image, candidates, inner, outer, bits_count):  # type: ignor
         if not ok:
             continue
         dots[count] = i
-        shapes[count] = shape
-        bits[count], facts[count] = read_ring(image, shape, straight, inner, outer, bits_count)
-        if doubt(facts[count]) == NONE:
-            rings[good] = shape[:5]
+        ring_bits, ring_facts = read_ring(image, shape, straight, inner, outer, bits_count)
+        for k in range(9):
+            shapes[count, k] = shape[k]
+        for k in range(8):
+            facts[count, k] = ring_facts[k]
+        for k in range(bits_count):
+            bits[count, k] = ring_bits[k]
+        if doubt(ring_facts) == NONE:
+            for k in range(5):
+                rings[good, k] = shape[k]
             good += 1
         count += 1
     return dots[:count], shapes[:count], bits[:count], facts[:count]

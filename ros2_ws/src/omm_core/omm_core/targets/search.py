@@ -38,7 +38,8 @@ def find_dots(half, step, contrast, max_run, gap_ratio, read_ratio, found):  # t
     steep = np.zeros((width + 7) // 8 * 8, dtype=np.uint8)
     eights = steep.view(np.uint64)
     edge_x, edge_d = np.empty(width, dtype=np.int64), np.empty(width, dtype=np.int64)
-    count = 0
+    # Typed, so that what is called is compiled for one type only.
+    count = np.int64(0)
     least_step, least_contrast = step, contrast
     # Every second row: of a dot's rows at least two next to each other pass as its middle.
     for y in range(2, height - 2, 2):
@@ -47,7 +48,7 @@ def find_dots(half, step, contrast, max_run, gap_ratio, read_ratio, found):  # t
             d = np.int32(row[x + 1]) - np.int32(row[x - 1])
             steep[x] = abs(d) >= step
         edges = _edges(row, steep, eights, edge_x, edge_d)
-        strong_x, strong = -1, np.int64(0)
+        strong_x, strong = np.int64(-1), np.int64(0)
         for k in range(edges):
             x, peak = edge_x[k], edge_d[k]
             if k > 0 and (edge_d[k - 1] > 0) != (peak > 0):
