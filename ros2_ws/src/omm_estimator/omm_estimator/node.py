@@ -1,19 +1,18 @@
 """The node ``estimator``: images and spindle poses in, pose of the part out.
 
 Wiring only: what becomes of images and poses is decided by `omm_core.measurement.Measurement`.
-Targets are searched on the executor's thread for images, while poses go on arriving on another.
+All of it is done on one thread, in the order of arrival; poses wait while targets are searched.
 """
 
 from __future__ import annotations
 
-import threading
 import time
 from dataclasses import replace
+from typing import Any
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from omm_interfaces.msg import PartEstimate, TargetObservations
 from omm_interfaces.srv import LoadPart
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Image
@@ -38,6 +37,7 @@ from omm_ros.parameters import declare, watch
 _SETTLE_PERIOD_S = 0.02
 # Times what the last update took: after thousands of images, not every one gets its own.
 _PAUSE = 4.0
+_IMAGES = "/camera/image_raw"
 _POSES_BETWEEN_FORGETTING = 50_000
 _REMEMBERED_NS = 600_000_000_000  # poses of ten minutes, for images that come late
 
@@ -49,13 +49,13 @@ class EstimatorNode(LifecycleNode):
         super().__init__("estimator")
         self._p = declare(self, Parameters)
         self.failure: OmmError | None = None
-        self._lock = threading.Lock()  # around the measurement
         self._measurement: Measurement | None = None
         self._pending = 0
         self._due = False
         self._pause_until_s = 0.0
         self._clamping = 0
         self._poses = self._bad_poses = 0
+        self._image_number = self._missed_images = 0
         self._last: MeasurementResult | None = None
         self._active = False
         self._estimate = self.create_publisher(PartEstimate, "/omm/estimate", qos.LATCHED)
@@ -77,20 +77,15 @@ class EstimatorNode(LifecycleNode):
         self._begin(self._p.part_file)
         warm_up_detection()
         warm_up_estimation()
-        images, poses = MutuallyExclusiveCallbackGroup(), MutuallyExclusiveCallbackGroup()
         self._inputs = [
-            self.create_subscription(
-                Image, "/camera/image_raw", self._on_image, qos.IMAGE, callback_group=images
-            ),
-            self.create_subscription(
-                PoseStamped, "/cnc/spindle_pose", self._on_pose, qos.POSE, callback_group=poses
-            ),
+            self.create_subscription(Image, _IMAGES, self._on_image, qos.IMAGE),
+            self.create_subscription(PoseStamped, "/cnc/spindle_pose", self._on_pose, qos.POSE),
         ]
         self._answers = [
             self.create_service(Trigger, "~/new_clamping", self._on_new_clamping),
             self.create_service(LoadPart, "~/load_part", self._on_load_part),
         ]
-        self._timer = self.create_timer(_SETTLE_PERIOD_S, self._on_timer, callback_group=images)
+        self._timer = self.create_timer(_SETTLE_PERIOD_S, self._on_timer)
         return super().on_configure(state)
 
     @transition
@@ -127,15 +122,15 @@ class EstimatorNode(LifecycleNode):
             self.get_logger().warning(f"spindle pose: {error}", throttle_duration_sec=5.0)
             return
         stamp = stamp_ns(message.header.stamp)
-        with self._lock:
-            if self._measurement is None:
-                return
-            self._measurement.add_pose(stamp, pose)
-            self._poses += 1
-            if self._poses % _POSES_BETWEEN_FORGETTING == 0:
-                self._measurement.forget_poses(stamp - _REMEMBERED_NS)
+        if self._measurement is None:
+            return
+        self._measurement.add_pose(stamp, pose)
+        self._poses += 1
+        if self._poses % _POSES_BETWEEN_FORGETTING == 0:
+            self._measurement.forget_poses(stamp - _REMEMBERED_NS)
 
-    def _on_image(self, message: Image) -> None:
+    def _on_image(self, message: Image, info: dict[str, Any]) -> None:
+        self._count_missed(info["publication_sequence_number"] or 0)
         measurement = self._measurement
         if not self._active or measurement is None:
             return
@@ -144,12 +139,10 @@ class EstimatorNode(LifecycleNode):
             image = image_from_message(message)
             detection = measurement.detect(image)
         except InputError as error:
-            with self._lock:
-                measurement.add_refused_image(stamp, str(error))
+            measurement.add_refused_image(stamp, str(error))
             self.get_logger().error(f"image: {error}", throttle_duration_sec=5.0)
         else:
-            with self._lock:
-                measurement.add_detection(stamp, detection.targets)
+            measurement.add_detection(stamp, detection.targets)
             self._observations.publish(
                 conversions.observations_message(
                     message.header, measurement.part.target_family, image.shape, detection
@@ -158,11 +151,21 @@ class EstimatorNode(LifecycleNode):
         self._due = True
         self._publish_what_is_due()
 
+    def _count_missed(self, number: int) -> None:
+        """Count what never came here, because too many waited already, by the camera's numbers."""
+        missed = number - self._image_number - 1
+        if missed > 0 and self._image_number > 0 and self.count_publishers(_IMAGES) == 1:
+            self._missed_images += missed
+            self.get_logger().warning(
+                f"{self._missed_images} images came faster than targets are found and were missed",
+                throttle_duration_sec=5.0,
+            )
+        self._image_number = number
+
     def _on_timer(self) -> None:
         """Publish again when poses that came after an image decide about it."""
         if self._pending and self._measurement is not None:
-            with self._lock:
-                self._due |= self._measurement.images_pending < self._pending
+            self._due |= self._measurement.images_pending < self._pending
         self._publish_what_is_due()
 
     def _publish_what_is_due(self) -> None:
@@ -175,10 +178,9 @@ class EstimatorNode(LifecycleNode):
 
     def _on_new_clamping(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         assert self._measurement is not None
-        with self._lock:
-            part, calibration = self._measurement.part, self._measurement.calibration
-            self._measurement = Measurement(part, calibration, self._p.measurement_options())
-            self._clamping += 1
+        part, calibration = self._measurement.part, self._measurement.calibration
+        self._measurement = Measurement(part, calibration, self._p.measurement_options())
+        self._clamping += 1
         self._publish()
         response.success, response.message = True, f"part {part.name}: all images forgotten"
         self.get_logger().info(response.message)
@@ -202,8 +204,7 @@ class EstimatorNode(LifecycleNode):
             self._change_part(parameters.part_file)
         self._p = parameters
         if self._measurement is not None:
-            with self._lock:
-                self._measurement.solve_with(parameters.solve_options())
+            self._measurement.solve_with(parameters.solve_options())
             self._publish()
 
     # --- outputs -------------------------------------------------------------------------------
@@ -222,24 +223,21 @@ class EstimatorNode(LifecycleNode):
                 f"part_file={part_file!r}, calibration_file={self._p.calibration_file!r}."
             )
         part, calibration = load_part(part_file), load_calibration(self._p.calibration_file)
-        with self._lock:
-            self._measurement = Measurement(part, calibration, self._p.measurement_options())
-            self._last = None
+        self._measurement = Measurement(part, calibration, self._p.measurement_options())
+        self._last = None
         return part
 
     def _publish(self) -> None:
-        with self._lock:
-            if self._measurement is None:
-                return
-            result = self._measurement.result()
-            calibration = self._measurement.calibration
-            self._pending, self._last = result.images_pending, result
-            # Published within the lock: the last one published is the last one solved.
-            self._estimate.publish(conversions.estimate_message(result, self._clamping))
-            if result.determined:
-                self._pose.publish(conversions.pose_message(result))
-            frames = conversions.frame_transforms(result, calibration, self._p.part_frame)
-            self._frames.publish(TFMessage(transforms=frames))
+        if self._measurement is None:
+            return
+        result = self._measurement.result()
+        calibration = self._measurement.calibration
+        self._pending, self._last = result.images_pending, result
+        self._estimate.publish(conversions.estimate_message(result, self._clamping))
+        if result.determined:
+            self._pose.publish(conversions.pose_message(result))
+        frames = conversions.frame_transforms(result, calibration, self._p.part_frame)
+        self._frames.publish(TFMessage(transforms=frames))
 
     # --- diagnostics ---------------------------------------------------------------------------
 
@@ -250,10 +248,12 @@ class EstimatorNode(LifecycleNode):
         refused = [image for image in result.images if not image.used]
         values: dict[str, object] = {f"refused {i.stamp_ns}": i.reason for i in refused[-20:]}
         values |= {"images": len(result.images), "pending": result.images_pending}
-        values["bad poses"] = self._bad_poses
+        values["bad poses"], values["missed images"] = self._bad_poses, self._missed_images
         message = f"{len(result.images) - len(refused)} of {len(result.images)} images used"
         return Health(
-            level=WARN if refused or self._bad_poses else OK, message=message, values=values
+            level=WARN if refused or self._bad_poses or self._missed_images else OK,
+            message=message,
+            values=values,
         )
 
     def _estimate_health(self) -> Health:
@@ -269,4 +269,5 @@ class EstimatorNode(LifecycleNode):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return run_node(EstimatorNode, args, threads=3, niceness=5)
+    # One thread: in rclpy's pool, images waited up to a second behind the poses.
+    return run_node(EstimatorNode, args, threads=1, niceness=5)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from domain_coordinator import domain_id
 from estimator_bench import Bench, start
 from lifecycle_msgs.msg import Transition
@@ -99,6 +100,27 @@ def test_an_image_of_another_size_is_refused_with_the_sizes(bench: Bench) -> Non
     assert not status.used
     assert "2592" in status.reason
     assert "640" in status.reason
+
+
+def test_images_that_come_faster_than_they_can_be_taken_are_counted_too(bench: Bench) -> None:
+    statuses: dict[str, str] = {}
+
+    def heard(array: DiagnosticArray) -> None:
+        for status in array.status:
+            statuses.update({value.key: value.value for value in status.values})
+
+    bench.node.create_subscription(DiagnosticArray, "/diagnostics", heard, 10)
+    burst = 200
+    message = image_message(np.zeros((480, 640), np.uint8), 10**18, "camera_optical")
+    for second in range(burst):
+        message.header.stamp.sec = 10**9 + second
+        bench.image.publish(message)
+
+    def accounted() -> int:
+        return len(bench.estimates[-1].images) + int(statuses.get("missed images", 0))
+
+    bench.until(lambda: accounted() == burst, "the account of all images", accounted)
+    assert int(statuses["missed images"]) > 0
 
 
 def test_a_new_clamping_and_another_part_forget_the_images(
