@@ -115,6 +115,8 @@ def test_images_that_come_faster_than_they_can_be_taken_are_counted_too(bench: B
     for second in range(burst):
         message.header.stamp.sec = 10**9 + second
         bench.image.publish(message)
+        if second == 0:  # which numbers came before the first one that is heard, nobody knows
+            bench.until(lambda: len(bench.estimates[-1].images) == 1, "the first image")
 
     def accounted() -> int:
         return len(bench.estimates[-1].images) + int(statuses.get("missed images", 0))
