@@ -190,6 +190,7 @@ def fit_dot(
     edge = 0
     for turn in range(15):
         used = np.int64(0)
+        settling = turn == 0  # the centre may be right before the grey levels are
         s = p[5]
         det = p[2] * p[4] - p[3] * p[3]
         # What is edge and what is flat is settled by the first step.
@@ -227,11 +228,13 @@ def fit_dot(
             variance = read + gain * max(model, 0.0)
             sigma = math.sqrt(variance)
             # Which pixels are clipped is settled in the first turns, lest they come and go.
-            if turn < 3:
+            if turn < 4:
+                high = value > saturation - 4.5 * sigma
                 clipped[index] = (model <= 0.0 and value <= 0.0) or (
-                    model > saturation - 2.0 * sigma and value > saturation - 4.5 * sigma
+                    high and (turn < 2 or model > saturation - 2.0 * sigma)
                 )
             if clipped[index]:
+                settling = settling or turn < 3
                 continue
             residual = value - model
             root = 1.0 / sigma
@@ -320,14 +323,20 @@ def fit_dot(
         if abs(step[5]) > 0.4 * p[5]:
             factor = min(factor, 0.4 * p[5] / abs(step[5]))
         level = abs(p[6] - p[9])
-        if abs(step[6]) > 0.5 * level:
-            factor = min(factor, 0.5 * level / abs(step[6]))
+        for bright in (6, 9):
+            if abs(step[bright]) > 0.5 * level:
+                factor = min(factor, 0.5 * level / abs(step[bright]))
         if turn > 4:
             factor *= 0.5
         for j in range(n):
             p[j] += factor * step[j]
         if p[5] < 0.29:
             p[5] = 0.29
+        # What is saturated is at least as bright as that.
+        if sign > 0.0 and f_start > below:
+            p[6] = max(p[6], f_start)
+        elif sign < 0.0 and b_start > below:
+            p[9] = max(p[9], b_start)
         if not (p[2] > 0.0 and p[2] * p[4] > p[3] * p[3]) or p[5] > 4.0 * s_start + 2.0:
             return False
         if abs(p[0] - x0) > 0.5 * reach or abs(p[1] - y0) > 0.5 * reach:
@@ -338,7 +347,7 @@ def fit_dot(
         if factor == 1.0 or turn > 5:
             # Below a quarter of the standard deviation; a twentieth of that step is left.
             limit = 0.03 * (covariance[0, 0] + covariance[1, 1]) + 1e-10
-            if move * move < limit:
+            if move * move < limit and not settling:
                 converged = True
                 # The sums are from before this step, which takes so much off χ².
                 statistics[4] = max(statistics[4] - _product(step, right, n), 0.0)
@@ -478,8 +487,8 @@ def slope_information(normal, weights, bend, clipped, unseen):  # type: ignore[n
     Parameters
     ----------
     normal (8, 8), weights (8,) : from `ring_light`; 1 / standard deviation of a grey value.
-    bend (2,), unseen : standard deviation to add (set, clear), and that of slopes not seen.
-    clipped (2,) : where set or clear tell nothing.
+    clipped (2,) : whether set, clear tell nothing of light.
+    bend, unseen (2,) : standard deviation to add to slopes that are seen; that of the others.
     """
     weighted, covariance = np.empty((8, 8)), np.empty((8, 8))
     slopes, information = np.empty((4, 4)), np.zeros((4, 4))
@@ -494,7 +503,7 @@ def slope_information(normal, weights, bend, clipped, unseen):  # type: ignore[n
             slopes[j, k] = covariance[1 + j + j // 2, 1 + k + k // 2]
             if clipped[j // 2] or clipped[k // 2]:
                 slopes[j, k] = 0.0
-        slopes[j, j] += unseen**2 if clipped[j // 2] else bend[j // 2] ** 2
+        slopes[j, j] += (unseen if clipped[j // 2] else bend)[j // 2] ** 2
     if not invert(slopes, information):
         information[:] = 0.0
     return information

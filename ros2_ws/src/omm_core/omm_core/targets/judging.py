@@ -6,7 +6,7 @@ Each step either hands on or gives a reason that a person understands.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -200,8 +200,20 @@ def centre_all(
     image: NDArray[Any], family: TargetFamily, readings: list[Reading], saturation: float
 ) -> list[dict[str, Any]]:
     """Learn light and noise from the areas of all rings, then fit all dots."""
+    readings = list(readings)
     lights = [_ring_light(image, family, reading, saturation) for reading in readings]
-    read, gain = _noise([light for light in lights if light is not None])
+    read, gain = _noise(lights)
+    clipped = [i for i, light in enumerate(lights) if light is not None and light.clipped.any()]
+    for i in clipped:
+        fit = _fit(image, family, readings[i], read, gain, saturation, lights[i])
+        if fit is not None:
+            # What is saturated looks wider than it is, so that light was taken from edges too.
+            # Now that the size is known: once more.
+            outline = np.concatenate([fit[0][:5], readings[i].outline[5:8], fit[0][5:6]])
+            readings[i] = replace(readings[i], outline=outline)
+            lights[i] = _ring_light(image, family, readings[i], saturation)
+    if clipped:
+        read, gain = _noise(lights)
     return [
         _judge(reading, _fit(image, family, reading, read, gain, saturation, light))
         for reading, light in zip(readings, lights, strict=True)
@@ -228,8 +240,9 @@ class _Light:
     clipped: NDArray[np.bool_]
 
 
-MAX_UNSEEN_SLOPE = 3e-3
-"""Fall of light per dot radius (standard deviation, of the contrast) taken where it is clipped."""
+UNSEEN_SLOPE_SATURATED, UNSEEN_SLOPE_BLACK = 5e-4, 3e-3
+"""Fall of light per dot radius (standard deviation, of the contrast) taken where it is clipped.
+Zeros come from processing (a black level cut away, sharpening) that does more to the edges."""
 _SLOPES = np.array([1, 2, 4, 5])
 MIXED = (0.01, 0.12)
 """Share of set in a clear pixel, or of clear in a set one, up to which it tells of light. With the
@@ -293,7 +306,9 @@ def _half_clipped(taken: Floats, lost: NDArray[np.bool_]) -> _Light:
             scatter = max(1.4826 * float(np.median(np.abs(rest))), 0.3)
             at = at[np.abs(rest - np.median(rest)) < 4.0 * scatter]
         levels[kind] = solution[0]
-        variances[kind] = scatter**2
+        # Of the grey values' steps, the mean square knows; the median, which trims, does not.
+        square = np.mean((at[:, 3] - at[:, 1:3] @ solution[1:] - solution[0]) ** 2)
+        variances[kind] = max(float(square), 1.0 / 12.0)
         pixels[kind] = len(at) - 3.0
         slopes[2 * kind : 2 * kind + 2] = solution[1:]
         block = slice(3 * kind, 3 * kind + 3)
@@ -359,12 +374,15 @@ def _light_prior(
     bend = (1e-7 * r * r + 1e-4) * np.maximum(np.abs(light.levels), contrast)
     mean = light.slopes.copy()
     mean[np.repeat(light.clipped, 2)] = 0.0
-    unseen = MAX_UNSEEN_SLOPE * contrast
+    bright = 0 if reading.sign > 0 else 1
+    unseen = np.full(2, UNSEEN_SLOPE_BLACK * contrast)
+    unseen[bright] = UNSEEN_SLOPE_SATURATED * contrast
     return slope_information(light.normal, weights, bend, light.clipped, unseen), mean
 
 
-def _noise(lights: list[_Light]) -> tuple[float, float]:
+def _noise(around: list[_Light | None]) -> tuple[float, float]:
     """Variance of a grey value I as read + gain I, from the scatter about all planes."""
+    lights = [light for light in around if light is not None]
     if not lights:
         return 4.0, 0.0
     x = np.maximum(np.concatenate([light.levels for light in lights]), 0.0)
