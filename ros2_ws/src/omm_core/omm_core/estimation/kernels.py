@@ -36,6 +36,8 @@ _compiled = njit(cache=True, error_model="numpy", fastmath=_FASTMATH)
 # What is called for every observation: an array costs nine words to hand over.
 _inlined = njit(cache=True, error_model="numpy", fastmath=_FASTMATH, forceinline=True)
 
+_STILL = 8  # steps of 1e-4 standard deviations in all, after which no more are made
+
 _COS1, _SIN1 = np.cos(ANGLES), np.sin(ANGLES)
 _COS2, _SIN2 = np.cos(2 * ANGLES), np.sin(2 * ANGLES)
 _Q_COS1, _Q_SIN1 = np.cos(QUADRATURE_ANGLES), np.sin(QUADRATURE_ANGLES)
@@ -376,7 +378,7 @@ def gauss_newton(lens, kind, R_calib, d_calib, R_cnc, d_cnc, image_of, target_of
                             room)  # fmt: skip
     if not cost < np.inf:
         return cost, -1
-    damping = 0.0
+    damping, still = 0.0, 0
     for iteration in range(1, iterations + 1):
         if not solve_damped(N, g, size, damping, L, step):
             if damping > 1e12:
@@ -409,7 +411,9 @@ def gauss_newton(lens, kind, R_calib, d_calib, R_cnc, d_cnc, image_of, target_of
             for i in range(7):
                 g[i] = g_new[i]
             gamma[0] = gamma_new
-            if last and damping < 1e-3:
+            # Where the model bends within its last digits, steps may end to and fro.
+            still += short and damping < 1e-3
+            if (last and damping < 1e-3) or still > _STILL:
                 return cost, iteration
             damping = damping * 0.1 if damping > 1e-9 else 0.0
         else:
