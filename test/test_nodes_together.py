@@ -1,18 +1,14 @@
 """Estimator and recorder together: nodes die, come late, and are given another part."""
 
-import signal
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-import rclpy
-from domain_coordinator import domain_id
-from estimator_bench import Bench, start
+from estimator_bench import Bench, bench_in_own_domain, end, kill
 from omm_interfaces.srv import LoadPart
 
 from omm_recorder.repairing import repair
 from omm_recorder.solving import solve_run
-from omm_ros import transport
 from omm_simulation.cell import Cell, draw, write_estimator_files
 from omm_simulation.offline import ImageMessage, run
 from omm_simulation.scenario import load_scenario
@@ -34,16 +30,8 @@ def halves(cell: Cell) -> tuple[list[object], list[object]]:
 @pytest.fixture
 def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
     """The machine, which was there first."""
-    transport.prepare()
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    with domain_id() as domain:
-        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-        context = rclpy.Context()
-        context.init(domain_id=domain)
-        bench = Bench(context)
+    with bench_in_own_domain(monkeypatch) as bench:
         yield bench
-        bench.node.destroy_node()
-        context.try_shutdown()
 
 
 def test_an_estimator_that_dies_is_replaced_and_the_recording_has_all(
@@ -51,21 +39,18 @@ def test_an_estimator_that_dies_is_replaced_and_the_recording_has_all(
 ) -> None:
     part, calibration = write_estimator_files(cell, tmp_path)
     files = {"part_file": part, "calibration_file": calibration}
-    recorder = start("omm_recorder", folder=tmp_path / "run")
-    dying = start("omm_estimator", **files)
+    recorder = bench.start("omm_recorder", folder=tmp_path / "run")
+    dying = bench.start("omm_estimator", **files)
     bench.until_heard(2)
     bench.play(halves[0], images=4)
-    dying.kill()
-    dying.communicate()
+    kill(dying)
     bench.estimates.clear()
-    fresh = start("omm_estimator", **files)
+    fresh = bench.start("omm_estimator", **files)
     bench.until(lambda: bool(bench.estimates), "the new estimator")
     bench.until_heard(2)
     bench.play(halves[1], images=4)
-    for process in (fresh, recorder):
-        process.send_signal(signal.SIGINT)
-        told, _ = process.communicate(timeout=30)
-        assert process.returncode == 0, told
+    end(fresh)
+    end(recorder)
     solved = solve_run(tmp_path / "run").result
     assert len(solved.images) == 8
     assert solved.determined
@@ -75,17 +60,14 @@ def test_a_recorder_that_dies_leaves_what_it_had_and_disturbs_nobody(
     bench: Bench, cell: Cell, halves: tuple[list[object], list[object]], tmp_path: Path
 ) -> None:
     part, calibration = write_estimator_files(cell, tmp_path)
-    estimator = start("omm_estimator", part_file=part, calibration_file=calibration)
-    dying = start("omm_recorder", folder=tmp_path / "run")
+    estimator = bench.start("omm_estimator", part_file=part, calibration_file=calibration)
+    dying = bench.start("omm_recorder", folder=tmp_path / "run")
     bench.until_heard(2)
     bench.play(halves[0], images=4)
     bench.idle(1.5)  # what is older than a second is on the disk
-    dying.kill()
-    dying.communicate()
+    kill(dying)
     assert bench.play(halves[1], images=8).determined
-    estimator.send_signal(signal.SIGINT)
-    told, _ = estimator.communicate(timeout=30)
-    assert estimator.returncode == 0, told
+    end(estimator)
     (left,) = (tmp_path / "run").glob("*.mcap*")
     repaired = tmp_path / "repaired.mcap"
     repair(left, repaired)
@@ -99,18 +81,16 @@ def test_a_part_that_is_changed_while_recording_is_the_one_that_is_solved(
     part, calibration = write_estimator_files(cell, tmp_path)
     wrong = tmp_path / "wrong.yaml"
     wrong.write_text(part.read_text().replace("name: bench", "name: another"))
-    recorder = start("omm_recorder", folder=tmp_path / "run")
-    estimator = start("omm_estimator", part_file=wrong, calibration_file=calibration)
+    recorder = bench.start("omm_recorder", folder=tmp_path / "run")
+    estimator = bench.start("omm_estimator", part_file=wrong, calibration_file=calibration)
     bench.until_heard(2)
     bench.play(halves[0], images=4)
     answer = bench.call(LoadPart, "/estimator/load_part", LoadPart.Request(part_file=str(part)))
     assert answer.success  # type: ignore[attr-defined]
     bench.until(lambda: bench.estimates[-1].part == "bench", "the other part")
     live = bench.play(halves[1], images=4)
-    for process in (estimator, recorder):
-        process.send_signal(signal.SIGINT)
-        told, _ = process.communicate(timeout=30)
-        assert process.returncode == 0, told
+    end(estimator)
+    end(recorder)
     solved = solve_run(tmp_path / "run")
     assert solved.part.name == live.part == "bench"
     assert len(solved.result.images) == len(live.images) == 4

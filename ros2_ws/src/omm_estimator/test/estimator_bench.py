@@ -1,20 +1,24 @@
 """The other side of the estimator: a bench that publishes runs to real processes."""
 
+import contextlib
 import os
+import signal
 import subprocess
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import pytest
 import rclpy
 from ament_index_python.packages import get_package_prefix
+from domain_coordinator import domain_id
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from omm_interfaces.msg import PartEstimate
 from rclpy.node import Node
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
-from omm_ros import qos
+from omm_ros import qos, transport
 from omm_ros.conversions import image_message, pose_from_transform, time_from_ns
 from omm_simulation.offline import ImageMessage
 
@@ -30,6 +34,7 @@ class Bench:
         self.executor.add_node(self.node)
         self.estimates: list[PartEstimate] = []
         self.poses: list[PoseWithCovarianceStamped] = []
+        self._processes: list[subprocess.Popen[str]] = []
         self.image = self.node.create_publisher(Image, "/camera/image_raw", qos.IMAGE)
         self.pose = self.node.create_publisher(PoseStamped, "/cnc/spindle_pose", qos.POSE)
         self.node.create_subscription(
@@ -38,6 +43,28 @@ class Bench:
         self.node.create_subscription(
             PoseWithCovarianceStamped, "/omm/part_pose", self.poses.append, qos.LATCHED
         )
+
+    def start(self, package: str, **parameters: object) -> "subprocess.Popen[str]":
+        """A node of ours as a process, in this bench's domain."""
+        program = Path(get_package_prefix(package)) / "lib" / package
+        name = f"{package.removeprefix('omm_')}_node"
+        given = [word for key, value in parameters.items() for word in ("-p", f"{key}:={value}")]
+        process = subprocess.Popen(
+            [str(program / name), "--ros-args", *given],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env=os.environ.copy(),
+        )
+        self._processes.append(process)
+        return process
+
+    def close(self) -> None:
+        """End everything; what a failed test has left running would disturb the next one."""
+        for process in self._processes:
+            if process.poll() is None:
+                kill(process)
+        self.node.destroy_node()
 
     def until(
         self, condition: Callable[[], bool], what: str, came: Callable[[], object] = str
@@ -98,15 +125,32 @@ class Bench:
         return future.result()
 
 
-def start(package: str, **parameters: object) -> "subprocess.Popen[str]":
-    """A node of ours as a process."""
-    program = Path(get_package_prefix(package)) / "lib" / package
-    name = f"{package.removeprefix('omm_')}_node"
-    given = [word for key, value in parameters.items() for word in ("-p", f"{key}:={value}")]
-    return subprocess.Popen(
-        [str(program / name), "--ros-args", *given],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        env=os.environ.copy(),
-    )
+@contextlib.contextmanager
+def bench_in_own_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
+    """A bench that nobody else hears; at the end, none of the processes it started is left."""
+    transport.prepare()
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    with domain_id() as domain:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        context = rclpy.Context()
+        context.init(domain_id=domain)
+        bench = Bench(context)
+        try:
+            yield bench
+        finally:
+            bench.close()
+            context.try_shutdown()
+
+
+def end(process: "subprocess.Popen[str]") -> None:
+    """Ctrl-C; the node must end cleanly."""
+    process.send_signal(signal.SIGINT)
+    told, _ = process.communicate(timeout=30)
+    assert process.returncode == 0, told
+    assert "Traceback" not in told, told
+
+
+def kill(process: "subprocess.Popen[str]") -> None:
+    """End a node without giving it a chance to clean up."""
+    process.kill()
+    process.communicate()

@@ -1,15 +1,13 @@
 """The estimator as a process over DDS: it estimates, accounts for every image, and starts anew."""
 
-import signal
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from domain_coordinator import domain_id
-from estimator_bench import Bench, start
+from estimator_bench import Bench, bench_in_own_domain, end
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from omm_interfaces.srv import LoadPart
@@ -17,7 +15,6 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from omm_ros import transport
 from omm_ros.conversions import image_message
 from omm_simulation.cell import Cell, draw, write_estimator_files
 from omm_simulation.offline import Faults, ImageMessage, run
@@ -37,26 +34,13 @@ def messages(cell: Cell) -> list[object]:
 @pytest.fixture
 def bench(tmp_path: Path, cell: Cell, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
     """An estimator process in a domain of its own, and the bench beside it."""
-    transport.prepare()
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     part, calibration = write_estimator_files(cell, tmp_path)
-    with domain_id() as domain:
-        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-        process = start("omm_estimator", part_file=part, calibration_file=calibration)
-        context = rclpy.Context()
-        context.init(domain_id=domain)
-        bench = Bench(context)
-        try:
-            bench.until(lambda: bool(bench.estimates), "the estimator")
-            bench.until_heard()
-            yield bench
-        finally:
-            process.send_signal(signal.SIGINT)
-            told, _ = process.communicate(timeout=20)
-            bench.node.destroy_node()
-            context.try_shutdown()
-    assert process.returncode == 0, told
-    assert "Traceback" not in told, told
+    with bench_in_own_domain(monkeypatch) as bench:
+        process = bench.start("omm_estimator", part_file=part, calibration_file=calibration)
+        bench.until(lambda: bool(bench.estimates), "the estimator")
+        bench.until_heard()
+        yield bench
+        end(process)
 
 
 def test_a_run_gives_the_truth_within_its_covariance(
@@ -143,14 +127,34 @@ def test_a_new_clamping_and_another_part_forget_the_images(
     bench.until(lambda: bench.estimates[-1].part == "gantry", "the other part")
 
 
+@pytest.mark.parametrize("delay_s", [0.0, 0.03, 0.1, 0.3])
+def test_ctrl_c_amid_messages_ends_it_cleanly(
+    tmp_path: Path,
+    cell: Cell,
+    messages: list[object],
+    monkeypatch: pytest.MonkeyPatch,
+    delay_s: float,
+) -> None:
+    part, calibration = write_estimator_files(cell, tmp_path)
+    with bench_in_own_domain(monkeypatch) as bench:
+        process = bench.start("omm_estimator", part_file=part, calibration_file=calibration)
+        bench.until(lambda: bool(bench.estimates), "the estimator")
+        bench.until_heard()
+        for message in messages:  # faster than it can take them
+            bench.publish(message)
+        time.sleep(delay_s)
+        end(process)
+
+
 @pytest.mark.parametrize("missing", ["part_file", "calibration_file"])
 def test_without_its_files_it_says_so_and_ends_with_status_2(
-    tmp_path: Path, cell: Cell, missing: str
+    tmp_path: Path, cell: Cell, missing: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     part, calibration = write_estimator_files(cell, tmp_path)
     files = {"part_file": part, "calibration_file": calibration, missing: tmp_path / "nowhere"}
-    process = start("omm_estimator", **files)
-    told, _ = process.communicate(timeout=60)
+    with bench_in_own_domain(monkeypatch) as bench:
+        process = bench.start("omm_estimator", **files)
+        told, _ = process.communicate(timeout=60)
     assert process.returncode == 2, told
     assert "nowhere" in told
 

@@ -1,11 +1,14 @@
 """The `main` of every omm node: start, spin, end cleanly."""
 
 import os
+import signal
 import sys
 from collections.abc import Callable
+from types import FrameType
 
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError
+from rclpy.exceptions import InvalidHandle, NotInitializedException
 from rclpy.executors import (
     ExternalShutdownException,
     MultiThreadedExecutor,
@@ -29,6 +32,8 @@ def run_node(
 ) -> int:
     """Run one node until it is told to end (Ctrl-C, SIGTERM, shutdown of the context).
 
+    It ends after the callback that runs; a second Ctrl-C interrupts that one, too.
+
     A lifecycle node configures and activates itself unless its parameter `autostart` is false,
     so that `ros2 run` works without a manager. A node that computes gives way to those that must
     be in time (camera, control) by its niceness.
@@ -39,6 +44,9 @@ def run_node(
     """
     transport.prepare()
     os.nice(niceness)
+    # rclpy ends ROS at the first Ctrl-C. Python's own answer would come on top, and out of nowhere:
+    # in the middle of taking a message, rclpy makes a RuntimeError of it.
+    signal.signal(signal.SIGINT, _wait_for_the_second)
     rclpy.init(args=arguments)
     node = None
     executor = None
@@ -53,10 +61,10 @@ def run_node(
         executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
-    except RCLError:
+    except (RCLError, InvalidHandle, NotInitializedException):
         if rclpy.ok():
             raise
-        return 0  # told to end while a callback was publishing
+        return 0  # told to end while a callback was using ROS
     except InputError as error:
         return _failed(node, error, 2)
     except OmmError as error:
@@ -68,6 +76,10 @@ def run_node(
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+def _wait_for_the_second(number: int, frame: FrameType | None) -> None:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _autostart(node: LifecycleNode) -> None:

@@ -11,6 +11,8 @@ from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
 
+from omm_ros.shared_memory import remove_leftovers
+
 PROFILE_VARIABLES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")
 
 # glibc, malloc.h
@@ -25,6 +27,7 @@ def prepare() -> None:
         profile = str(Path(get_package_share_directory("omm_ros")) / "config" / "fastdds.xml")
         for name in PROFILE_VARIABLES:
             os.environ[name] = profile
+    remove_leftovers()
     _keep_large_blocks()
 
 
