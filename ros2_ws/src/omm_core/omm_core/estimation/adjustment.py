@@ -18,6 +18,7 @@ MAX_ITERATIONS = 60
 TOLERANCE_SIGMA = 1e-5
 _VALLEY_SIGMA = 1.0  # to what the point model is solved before the circles come in
 _SCREENED = 12  # starts that are refined by the pixels
+_SAME_VALLEY_RAD = 1e-4
 _SAME_POSE_RAD = 1e-6
 
 
@@ -116,11 +117,15 @@ def adjust(problem: Problem, options: SolveOptions) -> list[Adjustment]:
         gammas_rad=np.array([options.gamma_s_rad]) if options.model == "6d" else circle,
     )
     valleys: list[Adjustment] = []
+    refined = 0
     for start in starts:
         found = refine(problem, options, start, circles=False)
-        if np.isfinite(found.cost):
+        if not np.isfinite(found.cost):
+            continue
+        refined += 1
+        if not any(_same(found, other, _SAME_VALLEY_RAD) for other in valleys):
             valleys.append(found)
-        if len(valleys) >= _SCREENED:
+        if refined >= _SCREENED:
             break
     lowest = min((_rms_px(problem, found) for found in valleys), default=0.0)
     minima: list[Adjustment] = []
@@ -129,7 +134,9 @@ def adjust(problem: Problem, options: SolveOptions) -> list[Adjustment]:
         if _rms_px(problem, valley) > 2.0 * lowest + 1.0:
             continue
         found = refine(problem, options, valley)
-        if np.isfinite(found.cost) and not any(_same(found, other) for other in minima):
+        if np.isfinite(found.cost) and not any(
+            _same(found, other, _SAME_POSE_RAD) for other in minima
+        ):
             minima.append(found)
     return sorted(minima, key=lambda found: found.cost)
 
@@ -149,7 +156,7 @@ def predictions(problem: Problem, adjustment: Adjustment) -> tuple[Array, Array]
     return pixels, jacobians
 
 
-def _same(one: Adjustment, other: Adjustment) -> bool:
-    turned = np.abs(one.rotation - other.rotation).max() > _SAME_POSE_RAD
-    holder = abs(np.sin((one.gamma_s_rad - other.gamma_s_rad) / 2)) > _SAME_POSE_RAD
+def _same(one: Adjustment, other: Adjustment, tolerance_rad: float) -> bool:
+    turned = np.abs(one.rotation - other.rotation).max() > tolerance_rad
+    holder = abs(np.sin((one.gamma_s_rad - other.gamma_s_rad) / 2)) > tolerance_rad
     return not (turned or holder)

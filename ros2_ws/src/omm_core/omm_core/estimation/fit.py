@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,13 +19,17 @@ _SAME_POSE_MM = 0.01
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fit:
-    """A problem and its solution; ``missing`` says why there is none."""
+    """A problem and its solution; ``missing`` says why there is none.
+
+    ``minima`` are all poses that the least squares ended at, the best one first.
+    """
 
     problem: Problem
     missing: tuple[str, ...] = ()
     unseen: bool = False  # no pose from which the camera could have seen what it saw
     poor: tuple[str, ...] = ()
     best: Adjustment | None = None
+    minima: tuple[Adjustment, ...] = ()
     propagation: Propagation | None = None
     statistics: Statistics | None = None
 
@@ -47,12 +52,15 @@ class Fit:
         return self.statistics.passed and bool(largest <= self.statistics.w_limit)
 
 
-def fit(problem: Problem, options: SolveOptions, near: Adjustment | None = None) -> Fit:
-    """Return the fit of a problem, from nothing or next to a known solution."""
+def fit(problem: Problem, options: SolveOptions, near: Sequence[Adjustment] | None = None) -> Fit:
+    """Return the fit of a problem, from nothing or next to the poses given."""
     missing = too_few(problem, options)
     if missing:
         return Fit(problem=problem, missing=tuple(missing))
-    minima = [refine(problem, options, near)] if near is not None else adjust(problem, options)
+    if near is None:
+        minima = adjust(problem, options)
+    else:
+        minima = sorted((refine(problem, options, pose) for pose in near), key=lambda m: m.cost)
     if not minima or not np.isfinite(minima[0].cost):
         words = (
             "all: no pose of the part was found from which the camera could have seen what it saw:"
@@ -64,7 +72,7 @@ def fit(problem: Problem, options: SolveOptions, near: Adjustment | None = None)
         propagation = propagate(problem, best, options)
     except np.linalg.LinAlgError:
         words_missing, _ = not_determined(problem, best, None, options)
-        return Fit(problem=problem, missing=tuple(words_missing), best=best)
+        return Fit(problem=problem, missing=tuple(words_missing), best=best, minima=tuple(minima))
     best = propagation.adjustment
     words_missing, poor = not_determined(problem, best, propagation.covariance, options)
     for other in minima[1:]:
@@ -78,6 +86,7 @@ def fit(problem: Problem, options: SolveOptions, near: Adjustment | None = None)
         missing=tuple(words_missing),
         poor=tuple(poor),
         best=best,
+        minima=tuple(minima),
         propagation=propagation,
         statistics=analyse(propagation, best.d_theta_d_local(problem.X0_mm), options),
     )

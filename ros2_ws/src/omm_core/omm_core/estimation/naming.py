@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -9,10 +10,11 @@ from numpy.typing import NDArray
 
 from omm_core.estimation.adjustment import Adjustment
 from omm_core.estimation.fit import Fit
-from omm_core.estimation.problem import Problem
-from omm_core.geometry import spindle_T_taper
+from omm_core.estimation.kernels import predict_all
+from omm_core.estimation.problem import Indices, Problem
 
 Array = NDArray[np.float64]
+
 
 _SAME_PX = 3.0
 _SAME_MM = 0.1
@@ -33,7 +35,7 @@ def describe(
     other = _pose_of_another_image(problem, indices, without.best)
     images = {int(problem.image_of[index]) for index in indices}
     when = f"the image of {problem.stamps_ns[images.pop()]} ns"
-    off = float(np.max(np.hypot(*(_seen(problem, indices, without.best)[0]).T)))
+    off = float(np.max(_off_px(problem, indices, without.best)))
     if other is not None:
         return (
             f"the spindle pose given for {when} is not where it was taken: the image fits the pose"
@@ -83,39 +85,42 @@ MIRRORED = (
 )
 
 
-def _project(problem: Problem, image: int, X_mm: Array, best: Adjustment) -> Array:
-    """Return pixels (N, 2) of points X - X_0 (N, 3) with the pose of an image."""
-    holder = spindle_T_taper(best.gamma_s_rad) @ problem.calibration.taper_T_camera
-    in_machine = X_mm @ best.rotation.T + best.d0_mm
-    in_spindle = (in_machine - problem.d_cnc[image]) @ problem.R_cnc[image]
-    return problem.calibration.lens.project(holder.inverse() @ in_spindle)
+def _pixels(
+    problem: Problem, images: Indices, X_mm: Array, best: Adjustment
+) -> tuple[Array, Array]:
+    """Return pixels (N, 2) of points X - X_0 (N, 3) in images (N,), and d(pixel)/dX (N, 2, 3).
+
+    NaN where an image does not show the point.
+    """
+    pixels, by_unknowns = np.empty((len(images), 2)), np.empty((len(images), 2, 7))
+    points = np.ascontiguousarray(X_mm)[:, None, :]
+    asked = replace(problem, image_of=images, target_of=np.arange(len(images)), points=points)
+    predict_all(
+        *asked.model_arguments(circles=False), best.rotation, best.d0_mm, best.gamma_s_rad,
+        pixels, by_unknowns,
+    )  # fmt: skip
+    return pixels, by_unknowns[:, :, 3:6] @ best.rotation
 
 
-def _seen(problem: Problem, indices: NDArray[np.int64], best: Adjustment) -> tuple[Array, Array]:
-    """Return how far off the centres are (N, 2), and where they were measured (N, 2)."""
-    expected = np.array(
-        [
-            _project(problem, problem.image_of[i], problem.points[problem.target_of[i]], best)[0]
-            for i in indices
-        ]
-    )
-    return np.nan_to_num(problem.measured[indices] - expected, nan=1e6), problem.measured[indices]
+def _off_px(problem: Problem, indices: Indices, best: Adjustment) -> Array:
+    """Return how far off centres are, (n,)."""
+    X = problem.points[problem.target_of[indices], 0]
+    expected, _ = _pixels(problem, problem.image_of[indices], X, best)
+    return np.nan_to_num(np.hypot(*(problem.measured[indices] - expected).T), nan=1e6)
 
 
-def _pose_of_another_image(
-    problem: Problem, indices: NDArray[np.int64], best: Adjustment
-) -> int | None:
+def _pose_of_another_image(problem: Problem, indices: Indices, best: Adjustment) -> int | None:
     """Return the stamp of the image whose pose explains what was seen, if there is one."""
     image = problem.image_of[indices[0]]
     if np.any(problem.image_of[indices] != image):
         return None
+    count, seen = len(problem.stamps_ns), len(indices)
     X = problem.points[problem.target_of[indices], 0]
-    for other in range(len(problem.stamps_ns)):
-        expected = _project(problem, other, X, best)
-        near = np.hypot(*(expected - problem.measured[indices]).T) < _SAME_PX
-        if other != image and near.all():
-            return problem.stamps_ns[other]
-    return None
+    expected, _ = _pixels(problem, np.repeat(np.arange(count), seen), np.tile(X, (count, 1)), best)
+    off = np.hypot(*(expected.reshape(count, seen, 2) - problem.measured[indices]).T)
+    near = np.all(off < _SAME_PX, axis=0)
+    near[image] = False
+    return problem.stamps_ns[int(np.argmax(near))] if near.any() else None
 
 
 def _shares_pose(problem: Problem, image: int) -> int | None:
@@ -130,7 +135,7 @@ def _shares_pose(problem: Problem, image: int) -> int | None:
 def _misread(problem: Problem, index: int, best: Adjustment) -> int | None:
     """Return the part's target that should be where another was read, if there is one."""
     X = np.array([target.xyz_mm for target in problem.part.targets]) - problem.X0_mm
-    expected = _project(problem, int(problem.image_of[index]), X, best)
+    expected, _ = _pixels(problem, np.full(len(X), problem.image_of[index]), X, best)
     distance = np.nan_to_num(np.hypot(*(expected - problem.measured[index]).T), nan=1e6)
     nearest = int(np.argmin(distance))
     found = problem.part.targets[nearest].id
@@ -138,19 +143,19 @@ def _misread(problem: Problem, index: int, best: Adjustment) -> int | None:
     return found if distance[nearest] < _SAME_PX and found != read else None
 
 
-def _bumped(problem: Problem, indices: NDArray[np.int64], best: Adjustment) -> str:
+def _bumped(problem: Problem, indices: Indices, best: Adjustment) -> str:
     """Say where a target is, by least squares of the rays to it."""
     target = int(problem.target_of[indices[0]])
     X = problem.points[target, 0].copy()
     for _ in range(5):
-        expected, slopes = [], []
-        for index in indices:
-            image = int(problem.image_of[index])
-            around = _project(problem, image, np.vstack([X, X + 0.1 * np.eye(3)]), best)
-            expected.append(problem.measured[index] - around[0])
-            slopes.append((around[1:] - around[0]).T / 0.1)
-        step = np.linalg.lstsq(np.concatenate(slopes), np.concatenate(expected), rcond=1e-6)[0]
-        X += step
+        expected, by_point = _pixels(
+            problem, problem.image_of[indices], np.tile(X, (len(indices), 1)), best
+        )
+        off = problem.measured[indices] - expected
+        if not np.all(np.isfinite(off)):
+            X[:] = np.nan
+            break
+        X += np.linalg.lstsq(by_point.reshape(-1, 3), off.ravel(), rcond=1e-6)[0]
     moved = X - problem.points[target, 0]
     target_id = problem.target_ids[target]
     if not np.all(np.isfinite(moved)):

@@ -9,6 +9,7 @@ Where two that exclude each other explain them as well, nobody can tell, and not
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -142,13 +143,34 @@ def _fits_without(
         if (dropped | hypothesis.members).sum() <= most
     ]
     smaller = [problem.without(dropped | hypothesis.members) for hypothesis in hypotheses]
-    fits = [fit(rest, options, near=current.best) for rest in smaller]
+    here = None if current.best is None else [current.best]
+    fits = [fit(rest, options, near=here) for rest in smaller]
     if not any(near.passed for near in fits):
         fits = [
-            min(near, fit(rest, options), key=lambda f: f.cost if f.determined else np.inf)
-            for near, rest in zip(fits, smaller)
+            min(near, anew, key=lambda f: f.cost if f.determined else np.inf)
+            for near, anew in zip(fits, _fits_from_nothing(hypotheses, smaller, options))
         ]
     return list(zip(hypotheses, fits))
+
+
+def _fits_from_nothing(
+    hypotheses: Sequence[Hypothesis], smaller: Sequence[Problem], options: SolveOptions
+) -> list[Fit]:
+    """Return the fit of each problem.
+
+    A pose that fits what one hypothesis leaves fits what a larger one leaves, too: it is among
+    those found for the larger one, unless that leaves too little, and need not be searched again.
+    """
+    done: dict[int, Fit] = {}
+    searched: list[int] = []
+    for index in sorted(range(len(hypotheses)), key=lambda i: -hypotheses[i].members.sum()):
+        members = hypotheses[index].members
+        larger = [i for i in searched if np.all(hypotheses[i].members[members])]
+        poses = [pose for i in larger if done[i].propagation for pose in done[i].minima]
+        done[index] = fit(smaller[index], options, near=poses or None)
+        if not poses:
+            searched.append(index)
+    return [done[index] for index in range(len(hypotheses))]
 
 
 def _variance(found: Fit) -> float:

@@ -128,8 +128,11 @@ def _quadratic(rays, R_calib, d_calib, R_cnc, d_cnc, image_of, X, gamma_s, M, m,
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp", "nsz"})
-def _descend(M, m, c, R):
-    """Minimise the quadratic over rotations from R (Gauss-Newton, damped); return the cost."""
+def _descend(M, m, c, R, found, first, count):
+    """Minimise the quadratic over rotations from R (Gauss-Newton, damped).
+
+    Return the cost, and whether it leads to one of the minima ``found[first:count]``.
+    """
     r, Mr, G = np.empty(9), np.empty(9), np.zeros((9, 3))
     N, g, L, step = np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.zeros(3)
     R_new = np.empty((3, 3))
@@ -150,6 +153,12 @@ def _descend(M, m, c, R):
             settled = cost - new <= 1e-10 * abs(new)
             cost = new
             copy_to(R, R_new)
+            for f in range(first, count):
+                trace = 0.0
+                for i in range(9):
+                    trace += found[f, i] * r[i]
+                if trace > 3.0 - 1e-5:
+                    return cost, True
             if settled:
                 break
             damping *= 0.2
@@ -179,7 +188,7 @@ def _descend(M, m, c, R):
                 break
             continue
         rotate(R, step[0], step[1], step[2], R_new)
-    return cost
+    return cost, False
 
 
 @njit(cache=True)
@@ -196,13 +205,7 @@ def _minima(rays, R_calib, d_calib, R_cnc, d_cnc, image_of, X, gammas, cube, fou
         first = count
         for s in range(cube.shape[0]):
             copy_to(R, cube[s])
-            cost = _descend(M, m, c, R)
-            known = False
-            for f in range(first, count):
-                trace = 0.0
-                for i in range(9):
-                    trace += found[f, i] * R[i // 3, i % 3]
-                known = known or trace > 3.0 - 1e-5
+            cost, known = _descend(M, m, c, R, found, first, count)
             if known:
                 continue
             for i in range(9):
