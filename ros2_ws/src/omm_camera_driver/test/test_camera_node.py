@@ -12,6 +12,8 @@ from typing import Any
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from omm_interfaces.srv import TriggerImage
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
@@ -160,3 +162,24 @@ def test_services_answer_and_ctrl_c_ends_it_while_the_camera_is_away(
     assert not cell.call(cell.trigger, TriggerImage.Request(), timeout_s=5.0).success
     assert cell.end() < 2.0  # while Aravis still waits for the camera
     camera_process.plug_in()
+
+
+def test_it_can_be_deactivated_and_activated_while_the_camera_is_away(
+    cell: Cell, camera_process: CameraProcess
+) -> None:
+    camera_process.start()
+    cell.wait_for(cell.is_connected)
+    camera_process.pull()
+    cell.wait_for(lambda: not cell.is_connected())
+    change = cell.node.create_client(ChangeState, "/camera/change_state")
+    for transition in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVATE):
+        request = ChangeState.Request(transition=Transition(id=transition))
+        assert cell.call(change, request, timeout_s=5.0).success
+    camera_process.plug_in()
+    cell.wait_for(cell.is_connected)
+    cell.images.clear()
+    answer = cell.call(cell.trigger, TriggerImage.Request())
+    assert answer.success, answer.message
+    cell.wait_for(lambda: cell.images)
+    assert cell.images[0].header.stamp == answer.stamp
+    assert cell.end() < 2.0
