@@ -270,7 +270,7 @@ def compare_sizes(problem, largest):
 def try_cells(count):
     """Print how many random cells reach the optimum that a solver started at the truth finds."""
     random = np.random.default_rng(1)
-    missed, seconds = 0, 0.0
+    missed, seconds = [], 0.0
     for number in range(count):
         cell = random_cell(random)
         options = replace(OPTIONS, model="6d" if number % 4 == 0 else "7d",
@@ -284,12 +284,14 @@ def try_cells(count):
             d0_mm=cell.machine_T_part @ problem.X0_mm, gamma_s_rad=cell.gamma_s_rad,
         )  # fmt: skip
         best = refine(problem, options, truth)
-        missed += not (
+        if not (
             found and found[0].converged and found[0].cost <= best.cost * (1 + 1e-7)
             and np.abs(found[0].rotation - best.rotation).max() < 1e-8
-        )  # fmt: skip
+        ):  # fmt: skip
+            missed.append(number)
     print(
-        f"\n{count} random cells from nothing: {missed} missed the optimum found from the truth;"
+        f"\n{count} random cells from nothing: {len(missed)} missed the optimum found from the"
+        f" truth{f' (numbers {missed})' if missed else ''};"
         f" {1e3 * seconds / max(count, 1):.1f} ms each"
     )
 
