@@ -152,7 +152,10 @@ def spindle_at_bench(target_in_machine: Array, distance_mm: float = 300.0) -> Ri
 
 
 def random_cell(
-    random: np.random.Generator, calibration: CameraCalibration = PAPER_CALIBRATION
+    random: np.random.Generator,
+    calibration: CameraCalibration = PAPER_CALIBRATION,
+    *,
+    dot_diameter_mm: float = 8.0,
 ) -> Cell:
     """Return a cell with a head that turns, a part in any orientation within 20 m.
 
@@ -160,13 +163,15 @@ def random_cell(
     apart, in images that are turned about the view and tilted, each with its own R_CNC.
     """
     while True:
-        cell = _random_cell(random, calibration)
+        cell = _random_cell(random, calibration, dot_diameter_mm)
         seen = [o.target_id for o in cell.observations]
         if all(seen.count(target.id) >= 2 for target in cell.part.targets):
             return cell
 
 
-def _random_cell(random: np.random.Generator, calibration: CameraCalibration) -> Cell:
+def _random_cell(
+    random: np.random.Generator, calibration: CameraCalibration, dot_diameter_mm: float
+) -> Cell:
     flat = random.uniform() < 0.5
     size = np.exp(random.uniform(np.log(300), np.log(8000)))
     count = 4 if flat and random.uniform() < 0.7 else int(random.integers(4, 9))
@@ -180,7 +185,7 @@ def _random_cell(random: np.random.Generator, calibration: CameraCalibration) ->
         name="random",
         target_family="metashape12",
         targets=tuple(
-            Target(id=i + 1, xyz_mm=x, dot_diameter_mm=8.0, normal=n)
+            Target(id=i + 1, xyz_mm=x, dot_diameter_mm=dot_diameter_mm, normal=n)
             for i, (x, n) in enumerate(zip(xyz, normals))
         ),
     )

@@ -36,7 +36,7 @@ _compiled = njit(cache=True, error_model="numpy", fastmath=_FASTMATH)
 # What is called for every observation: an array costs nine words to hand over.
 _inlined = njit(cache=True, error_model="numpy", fastmath=_FASTMATH, forceinline=True)
 
-_STILL = 8  # steps of 1e-4 standard deviations in all, after which no more are made
+_STILL = 8  # steps of 1e-2 standard deviations in all, after which no more are made
 
 _COS1, _SIN1 = np.cos(ANGLES), np.sin(ANGLES)
 _COS2, _SIN2 = np.cos(2 * ANGLES), np.sin(2 * ANGLES)
@@ -400,8 +400,9 @@ def gauss_newton(lens, kind, R_calib, d_calib, R_cnc, d_cnc, image_of, target_of
             room,
         )  # fmt: skip
         # The cost falls by the square of the step: for a short one by less than its last digits
-        # hold, so that it may seem to rise.
-        short = length2 < 1e-8 + 1e-10 * cost
+        # hold, or by less than the derivatives of a large circle's image are off (1e-5 of them),
+        # so that it may seem to rise.
+        short = length2 < 1e-4 + 1e-10 * cost
         if cost_new <= cost or (short and cost_new < np.inf):
             cost = cost_new
             copy_to(R, R_new)

@@ -81,7 +81,7 @@ def read_targets(
     image: NDArray[Any], family: TargetFamily, candidates: Floats
 ) -> tuple[list[Reading], list[dict[str, Any]]]:
     """Outlines and numbers of the candidates (N, 6), large ones first; and what was refused."""
-    dots, shapes, bits, facts = read_candidates(
+    dots, shapes, bits, facts, doubts = read_candidates(
         image, candidates, family.ring_inner_ratio, family.ring_outer_ratio, family.bits
     )
     readings: list[Reading] = []
@@ -89,22 +89,28 @@ def read_targets(
     refused = []
     for i, shape in enumerate(shapes):
         lean = np.zeros(2)
-        bits_seen, seen = bits[i], facts[i]
+        bits_seen, seen, against = bits[i], facts[i], int(doubts[i])
         if within_any(rings, len(readings), shape[0], shape[1], family.ring_outer_ratio):
             continue
         # Perspective blurs a ring; it does not make one of nothing, or of the image's border.
-        hopeless = reading.doubt(seen) in (reading.CUT, reading.NO_RING)
-        leaning = None if hopeless else _perspective(image, family, shape)
+        if against in (reading.CUT, reading.NO_RING):
+            leaning = None
+        else:
+            leaning = _perspective(image, family, shape)
         if leaning is not None:
             lean = leaning
             bits_seen, seen = read_ring(
                 image, shape, lean, family.ring_inner_ratio, family.ring_outer_ratio, family.bits
             )
-        outcome = _number(family, shape, lean, int(candidates[dots[i], 5]), bits_seen, seen)
+            against = reading.doubt(seen)
+        if against == reading.NO_RING:
+            continue  # nothing ring-like is there, which is not worth a word
+        sign = int(candidates[dots[i], 5])
+        outcome = _number(family, shape, lean, sign, bits_seen, seen, against)
         if isinstance(outcome, Reading):
             rings[len(readings)] = shape[:5]
             readings.append(outcome)
-        elif outcome is not None:
+        else:
             refused.append(outcome)
     return readings, refused
 
@@ -125,11 +131,9 @@ def _number(
     sign: int,
     bits: NDArray[np.int64],
     facts: Floats,
-) -> Reading | dict[str, Any] | None:
-    """A reading; a refusal; or None where nothing ring-like is, which is not worth a word."""
-    against = reading.doubt(facts)
-    if against == reading.NO_RING:
-        return None
+    against: int,
+) -> Reading | dict[str, Any]:
+    """A reading, or a refusal."""
     if against == reading.OTHER_WIDTH:
         return _refused(shape, f"the ring is not as wide as those of {family.name}")
     if against != reading.NONE:
@@ -155,6 +159,8 @@ def _perspective(image: NDArray[Any], family: TargetFamily, shape: Floats) -> Fl
     It lies along the ellipse's smaller axis. None where there is none to be seen, as of a small
     dot, which is far away.
     """
+    if _radius(shape) < LEAN_RADIUS_PX:
+        return None
     a11, a12, a22 = square_root(shape[2], shape[3], shape[4])
     half = math.hypot(a11 - a22, 2.0 * a12)
     smaller, larger = 0.5 * (a11 + a22 - half), 0.5 * (a11 + a22 + half)

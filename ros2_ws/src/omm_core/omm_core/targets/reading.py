@@ -430,12 +430,13 @@ def read_candidates(image, candidates, inner, outer, bits_count):  # type: ignor
     Returns
     -------
     dots : (M,) which of the candidates are dots that can be read. shapes (M, 9), bits (M, n),
-    facts (M, 8) : see `outline` and `read_ring`.
+    facts (M, 8), against (M,) : see `outline`, `read_ring` and `doubt`.
     """
     n = len(candidates)
     dots = np.empty(n, dtype=np.int64)
     shapes, facts = np.empty((n, 9)), np.empty((n, 8))
     bits = np.empty((n, bits_count), dtype=np.int64)
+    against = np.empty(n, dtype=np.int64)
     rings = np.empty((n, 5))
     count = good = np.int64(0)
     straight = np.zeros(2)
@@ -453,9 +454,10 @@ def read_candidates(image, candidates, inner, outer, bits_count):  # type: ignor
             facts[count, k] = ring_facts[k]
         for k in range(bits_count):
             bits[count, k] = ring_bits[k]
-        if doubt(ring_facts) == NONE:
+        against[count] = doubt(ring_facts)
+        if against[count] == NONE:
             for k in range(5):
                 rings[good, k] = shape[k]
             good += 1
         count += 1
-    return dots[:count], shapes[:count], bits[:count], facts[:count]
+    return dots[:count], shapes[:count], bits[:count], facts[:count], against[:count]
