@@ -480,21 +480,35 @@ def planes_of(normal, right):  # type: ignore[no-untyped-def]
     return planes, solvable
 
 
+_KINDS = np.array([0, 0, 0, 1, 1, 1, 0, 1])
+"""Which of the unknowns of `ring_light` are of set and which of clear."""
+
+
 @numba.njit(cache=True)
-def slope_information(normal, weights, bend, clipped, unseen):  # type: ignore[no-untyped-def]
+def slope_information(normal, variances, levels, clipped, read, gain, contrast, bend, unseen):  # type: ignore[no-untyped-def]
     """Information (4, 4) of the slopes fx, fy, bx, by.
 
     Parameters
     ----------
-    normal (8, 8), weights (8,) : from `ring_light`; 1 / standard deviation of a grey value.
+    normal : (8, 8) from `ring_light`.
+    variances, levels (2,) : of the grey values of what is set, clear.
     clipped (2,) : whether set, clear tell nothing of light.
-    bend, unseen (2,) : standard deviation to add to slopes that are seen; that of the others.
+    read, gain : variance of a grey value I is at least read + gain I.
+    contrast : difference of dot and background.
+    bend, unseen : standard deviation to add to slopes that are seen, by the level or the contrast;
+        that of the others (2,), by the contrast.
     """
     weighted, covariance = np.empty((8, 8)), np.empty((8, 8))
     slopes, information = np.empty((4, 4)), np.zeros((4, 4))
+    weights, extra = np.empty(2), np.empty(2)
+    for kind in range(2):
+        level = levels[kind]
+        weights[kind] = 1.0 / math.sqrt(max(variances[kind], read + gain * max(level, 0.0)))
+        seen = bend * max(abs(level), contrast)
+        extra[kind] = unseen[kind] * contrast if clipped[kind] else seen
     for j in range(8):
         for k in range(8):
-            weighted[j, k] = normal[j, k] * weights[j] * weights[k]
+            weighted[j, k] = normal[j, k] * weights[_KINDS[j]] * weights[_KINDS[k]]
     if not invert(weighted, covariance):
         return information  # nothing is known of them
     for j in range(4):
@@ -503,7 +517,7 @@ def slope_information(normal, weights, bend, clipped, unseen):  # type: ignore[n
             slopes[j, k] = covariance[1 + j + j // 2, 1 + k + k // 2]
             if clipped[j // 2] or clipped[k // 2]:
                 slopes[j, k] = 0.0
-        slopes[j, j] += (unseen if clipped[j // 2] else bend)[j // 2] ** 2
+        slopes[j, j] += extra[j // 2] ** 2
     if not invert(slopes, information):
         information[:] = 0.0
     return information

@@ -30,6 +30,7 @@ LEAN_RADIUS_PX = 24.0
 """Smaller semi-axis from which on perspective is looked for within a target."""
 LEANS = np.array([-0.06, -0.04, -0.02, 0.0, 0.02, 0.04, 0.06])
 """Radius of the dot by its distance that is tried (a dot of 15 mm at 150 mm: 0.05)."""
+_FROM_THE_MIDDLE = (2, 4, 1, 5, 0, 6)
 MIN_LEAN_GAIN = 0.9
 """By how much the ring must fit better with perspective (of the squared error) to believe it."""
 MAX_MISFIT = 4.0
@@ -96,12 +97,10 @@ def read_targets(
         if against in (reading.CUT, reading.NO_RING):
             leaning = None
         else:
-            leaning = _perspective(image, family, shape)
+            leaning = _perspective(image, family, shape, seen)
         if leaning is not None:
             lean = leaning
-            bits_seen, seen = read_ring(
-                image, shape, lean, family.ring_inner_ratio, family.ring_outer_ratio, family.bits
-            )
+            bits_seen, seen = _read(image, family, shape, lean)
             against = reading.doubt(seen)
         if against == reading.NO_RING:
             continue  # nothing ring-like is there, which is not worth a word
@@ -153,7 +152,9 @@ def _number(
     )
 
 
-def _perspective(image: NDArray[Any], family: TargetFamily, shape: Floats) -> Floats | None:
+def _perspective(
+    image: NDArray[Any], family: TargetFamily, shape: Floats, straight: Floats
+) -> Floats | None:
     """How much larger the near side of a tilted target is than its far side, (2,) per dot radius.
 
     It lies along the ellipse's smaller axis. None where there is none to be seen, as of a small
@@ -170,8 +171,15 @@ def _perspective(image: NDArray[Any], family: TargetFamily, shape: Floats) -> Fl
     axis = np.array([math.cos(angle), math.sin(angle)])
     # Lean is the dot's radius by its distance, times the sine of the tilt.
     leans = LEANS * math.sqrt(1.0 - (smaller / larger) ** 2)
-    errors = np.array([_ring_error(image, family, shape, lean * axis) for lean in leans])
     middle = len(leans) // 2
+    errors = np.full(len(leans), math.nan)
+    errors[middle] = _ring_error(straight)
+    for i in _FROM_THE_MIDDLE:
+        errors[i] = _ring_error(_read(image, family, shape, leans[i] * axis)[1])
+        # Where a ring is read and fits worse on both sides, it fits best as it is.
+        near = errors[middle - 1 : middle + 2]
+        if near[1] < 1.0 and near[0] >= near[1] <= near[2]:
+            return None
     best = int(np.nanargmin(errors)) if np.isfinite(errors).any() else middle
     if errors[best] ** 2 > MIN_LEAN_GAIN * errors[middle] ** 2:
         return None
@@ -183,11 +191,17 @@ def _perspective(image: NDArray[Any], family: TargetFamily, shape: Floats) -> Fl
     return np.asarray((leans[best] + shift * (leans[1] - leans[0])) * axis)
 
 
-def _ring_error(image: NDArray[Any], family: TargetFamily, shape: Floats, lean: Floats) -> float:
+def _read(
+    image: NDArray[Any], family: TargetFamily, shape: Floats, lean: Floats
+) -> tuple[NDArray[np.int64], Floats]:
+    """Bits and facts of `reading.read_ring`."""
+    ring = (family.ring_inner_ratio, family.ring_outer_ratio, family.bits)
+    bits, facts = read_ring(image, shape, lean, *ring)
+    return bits, facts
+
+
+def _ring_error(facts: Floats) -> float:
     """RMS of what is seen of the ring less what its bits let expect; NaN outside the image."""
-    _, facts = read_ring(
-        image, shape, lean, family.ring_inner_ratio, family.ring_outer_ratio, family.bits
-    )
     if math.isnan(facts[0]):
         return math.nan
     unread = facts[1] < 0.1 or facts[7] < 0.5
@@ -249,12 +263,11 @@ class _Light:
 UNSEEN_SLOPE_SATURATED, UNSEEN_SLOPE_BLACK = 5e-4, 3e-3
 """Fall of light per dot radius (standard deviation, of the contrast) taken where it is clipped.
 Zeros come from processing (a black level cut away, sharpening) that does more to the edges."""
+_UNSEEN = np.array([UNSEEN_SLOPE_SATURATED, UNSEEN_SLOPE_BLACK])
 _SLOPES = np.array([1, 2, 4, 5])
 MIXED = (0.01, 0.12)
 """Share of set in a clear pixel, or of clear in a set one, up to which it tells of light. With the
 second a dot of 12 px is off by 0.002 px, so it serves only where there are too few pixels."""
-_KINDS = np.array([0, 0, 0, 1, 1, 1, 0, 1])
-"""Which of the unknowns of `centring.ring_light` are of set and which of clear."""
 
 
 def _ring_light(
@@ -374,16 +387,17 @@ def _light_prior(
     contrast = abs(float(shape[5] - shape[6]))
     if light is None:
         return np.eye(4) / (0.1 * contrast) ** 2, np.zeros(4)
-    noise = np.maximum(light.variances, read + gain * np.maximum(light.levels, 0.0))
-    weights = (1.0 / np.sqrt(noise))[_KINDS]
+    mean = light.slopes
+    if light.clipped.any():
+        mean = np.where(np.repeat(light.clipped, 2), 0.0, mean)
     # Light bends not quite alike in all directions: what that may do to the slope, per dot radius.
-    bend = (1e-7 * r * r + 1e-4) * np.maximum(np.abs(light.levels), contrast)
-    mean = light.slopes.copy()
-    mean[np.repeat(light.clipped, 2)] = 0.0
-    bright = 0 if reading.sign > 0 else 1
-    unseen = np.full(2, UNSEEN_SLOPE_BLACK * contrast)
-    unseen[bright] = UNSEEN_SLOPE_SATURATED * contrast
-    return slope_information(light.normal, weights, bend, light.clipped, unseen), mean
+    bend = 1e-7 * r * r + 1e-4
+    unseen = _UNSEEN if reading.sign > 0 else _UNSEEN[::-1].copy()
+    information = slope_information(
+        light.normal, light.variances, light.levels, light.clipped, read, gain, contrast, bend,
+        unseen,
+    )  # fmt: skip
+    return information, mean
 
 
 def _noise(around: list[_Light | None]) -> tuple[float, float]:

@@ -211,10 +211,13 @@ def _ellipse(half, col, row, level, sign, reach):  # type: ignore[no-untyped-def
             c, s = _COS[3 * i], _SIN[3 * i]
             t = 0
             now = 0
+            across, down = col + 0.5, row + 0.5
             while True:
                 t += 1
                 before = now
-                x, y = int(col + t * c + 0.5), int(row + t * s + 0.5)
+                across += c
+                down += s
+                x, y = int(across), int(down)
                 if t > reach or x < 2 or y < 2 or x >= width - 2 or y >= height - 2:
                     return False, 0.0, 0.0, 0.0, 0.0, 0.0
                 now = sign * (np.int64(half[y, x]) - level)
