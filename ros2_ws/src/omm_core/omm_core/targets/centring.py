@@ -75,7 +75,7 @@ def _sort_pixels(image, start, p, inner, below, pixels, flat):  # type: ignore[n
 
     Parameters
     ----------
-    pixels : (N, 2) out: col, row of the edge's pixels, and of all that may be clipped.
+    pixels : (3, N) out: col, row, value of the edge's pixels, and of all that may be clipped.
     flat : (2, 10) out: what the rest, wholly set [0] or wholly clear [1], tells of light: sums of
         1, tx, ty, tx², tx ty, ty², value, value tx, value ty, value².
 
@@ -108,7 +108,7 @@ def _sort_pixels(image, start, p, inner, below, pixels, flat):  # type: ignore[n
             square = p[2] * dx * dx + 2.0 * p[3] * dx * dy + p[4] * dy * dy
             value = image[row, col] + 0.0
             if inside <= square <= outside or square >= before_ring or not 0.0 < value < below:
-                pixels[used, 0], pixels[used, 1] = col, row
+                pixels[0, used], pixels[1, used], pixels[2, used] = col, row, value
                 used += 1
                 continue
             kind = 0 if square < 1.0 else 1
@@ -132,6 +132,109 @@ def _product(a, b, count):  # type: ignore[no-untyped-def]
     for i in range(count):
         total += a[i] * b[i]
     return total
+
+
+# The model is evaluated in passes over all pixels: the ones without branches run in vectors.
+
+RHO, LENGTH, DISTANCE, SHARE, SLOPE = range(5)
+"""Rows of `geometry`: distance from the centre (dot radii), what that times the edge's distance is
+in px, distance outside of the edge (px), share of the pixel that is set, slope of that."""
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+def _place(pixels, used, p, geometry):  # type: ignore[no-untyped-def]
+    """Where the pixels lie with respect to the dot's edge."""
+    s = p[5]
+    bulge = 0.5 * s * s * (p[2] * p[4] - p[3] * p[3])
+    x, y, xx, xy, yy = p[0], p[1], p[2], p[3], p[4]
+    for i in range(used):
+        dx, dy = pixels[0, i] - x, pixels[1, i] - y
+        mx, my = xx * dx + xy * dy, xy * dx + yy * dy
+        square = dx * mx + dy * my
+        rho = math.sqrt(square) + 1e-12
+        length = rho / (math.sqrt(mx * mx + my * my) + 1e-12)
+        geometry[RHO, i], geometry[LENGTH, i] = rho, length
+        geometry[DISTANCE, i] = (rho - 1.0) * length + bulge * length * length * length
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _shares(pixels, geometry, used, p, a11, a12, a22, inner, bits, phase):  # type: ignore[no-untyped-def]
+    """How much of each pixel is set."""
+    s = p[5]
+    area = a11 * a22 - a12 * a12
+    for i in range(used):
+        rho, length = geometry[RHO, i], geometry[LENGTH, i]
+        z = -geometry[DISTANCE, i] / s
+        if z > 4.5 or rho <= 0.3:
+            share, slope = 1.0, 0.0
+        elif z < -4.5:
+            share, slope = 0.0, 0.0
+        else:
+            share, slope = _phi_and_slope(z)
+        if (rho - inner) * length > -5.0 * s:
+            dx, dy = pixels[0, i] - p[0], pixels[1, i] - p[1]
+            u, v = (a22 * dx - a12 * dy) / area, (a11 * dy - a12 * dx) / area
+            share += _ring_share(u, v, rho, length, inner, s, bits, phase)
+        geometry[SHARE, i], geometry[SLOPE, i] = share, slope
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+def _find_clipped(pixels, geometry, used, p, x0, y0, r0, read, gain, saturation, by_value, clipped):  # type: ignore[no-untyped-def]
+    """Which pixels tell "at least" (or "at most") only; whether there are any."""
+    some = False
+    for i in range(used):
+        value, share = pixels[2, i], geometry[SHARE, i]
+        tx, ty = (pixels[0, i] - x0) / r0, (pixels[1, i] - y0) / r0
+        f = p[6] + p[7] * tx + p[8] * ty
+        b = p[9] + p[10] * tx + p[11] * ty
+        model = b + (f - b) * share
+        sigma = math.sqrt(read + gain * max(model, 0.0))
+        high = value > saturation - 4.5 * sigma
+        clipped[i] = (model <= 0.0 and value <= 0.0) or (
+            high and (by_value or model > saturation - 2.0 * sigma)
+        )
+        some = some or clipped[i]
+    return some
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+def _linearise(pixels, geometry, used, p, x0, y0, r0, read, gain, clipped, rows, rests, statistics):  # type: ignore[no-untyped-def]
+    """Fill weighted derivatives (12, N) and residuals (N,), 0 where clipped, and statistics."""
+    x, y, xx, xy, yy = p[0], p[1], p[2], p[3], p[4]
+    f0, fx, fy, b0, bx, by = p[6], p[7], p[8], p[9], p[10], p[11]
+    per_s, per_r0 = 1.0 / p[5], 1.0 / r0
+    set_pixels = clear_pixels = set_squares = clear_squares = chi2 = 0.0
+    for i in range(used):
+        dx, dy = pixels[0, i] - x, pixels[1, i] - y
+        tx, ty = (pixels[0, i] - x0) * per_r0, (pixels[1, i] - y0) * per_r0
+        mx, my = xx * dx + xy * dy, xy * dx + yy * dy
+        per_norm = geometry[LENGTH, i] / geometry[RHO, i]
+        share = geometry[SHARE, i]
+        f, b = f0 + fx * tx + fy * ty, b0 + bx * tx + by * ty
+        model = b + (f - b) * share
+        root = 1.0 / math.sqrt(read + gain * max(model, 0.0))
+        counts = 0.0 if clipped[i] else 1.0
+        root *= counts
+        residual = counts * (pixels[2, i] - model)
+        rest = root * residual
+        chi2 += rest * rest
+        square = residual * residual
+        set_pixels += counts if share > 0.5 else 0.0
+        set_squares += square if share > 0.5 else 0.0
+        clear_pixels += 0.0 if share > 0.5 else counts
+        clear_squares += 0.0 if share > 0.5 else square
+        steep = (f - b) * geometry[SLOPE, i] * per_s * root
+        bend = -0.5 * steep * per_norm
+        on, off = root * share, root * (1.0 - share)
+        rows[0, i], rows[1, i] = steep * mx * per_norm, steep * my * per_norm
+        rows[2, i], rows[3, i], rows[4, i] = bend * dx * dx, 2.0 * bend * dx * dy, bend * dy * dy
+        rows[5, i] = steep * geometry[DISTANCE, i] * per_s
+        rows[6, i], rows[7, i], rows[8, i] = on, on * tx, on * ty
+        rows[9, i], rows[10, i], rows[11, i] = off, off * tx, off * ty
+        rests[i] = rest
+    statistics[0], statistics[1] = set_pixels, set_squares
+    statistics[2], statistics[3] = clear_pixels, clear_squares
+    statistics[4], statistics[5] = chi2, set_pixels + clear_pixels
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
@@ -182,83 +285,29 @@ def fit_dot(
     converged = False
     extent = (1.0 + 0.6 * (inner - 1.0)) * reach
     most = int(2.0 * extent + 4.0) ** 2
-    pixels, flat = np.empty((most, 2), dtype=np.int64), np.zeros((2, 10))
+    pixels, flat = np.empty((3, most)), np.zeros((2, 10))
+    geometry = np.empty((5, most))
     rows, rests = np.empty((PARAMETERS, most)), np.empty(most)
     clipped = np.zeros(most, dtype=np.bool_)
     normal, right, inverse = np.empty((n, n)), np.empty(n), np.empty((n, n))
     scale, step = np.empty(n), np.empty(n)
-    edge = 0
+    used = np.int64(0)
+    sorting = True
     for turn in range(15):
-        used = np.int64(0)
         settling = turn == 0  # the centre may be right before the grey levels are
-        s = p[5]
-        det = p[2] * p[4] - p[3] * p[3]
-        # What is edge and what is flat is settled by the first step.
-        if turn < 2:
-            edge = _sort_pixels(image, start, p, inner, below, pixels, flat)
-        per_s, per_r0, bulge = 1.0 / s, 1.0 / r0, 0.5 * s * s * det
-        set_pixels = clear_pixels = set_squares = clear_squares = chi2 = 0.0
-        for index in range(edge):
-            col, row = pixels[index, 0], pixels[index, 1]
-            value = image[row, col] + 0.0
-            tx, ty = (col - x0) * per_r0, (row - y0) * per_r0
-            dx, dy = col - p[0], row - p[1]
-            mx, my = p[2] * dx + p[3] * dy, p[3] * dx + p[4] * dy
-            square = dx * mx + dy * my
-            rho = math.sqrt(square) + 1e-12
-            per_norm = 1.0 / (math.sqrt(mx * mx + my * my) + 1e-12)
-            length = rho * per_norm
-            d = (rho - 1.0) * length
-            f = p[6] + p[7] * tx + p[8] * ty
-            b = p[9] + p[10] * tx + p[11] * ty
-            near = rho > 0.3
-            if near:
-                d += bulge * length * length * length
-            z = -d * per_s
-            if z > 4.5 or not near:
-                share, slope = 1.0, 0.0
-            elif z < -4.5:
-                share, slope = 0.0, 0.0
-            else:
-                share, slope = _phi_and_slope(z)
-            if (rho - inner) * length > -5.0 * s:
-                u, v = (a22 * dx - a12 * dy) / area, (a11 * dy - a12 * dx) / area
-                share += _ring_share(u, v, rho, length, inner, s, bits, phase)
-            model = b + (f - b) * share
-            variance = read + gain * max(model, 0.0)
-            sigma = math.sqrt(variance)
+        if sorting:
+            used = _sort_pixels(image, start, p, inner, below, pixels, flat)
+        _place(pixels, used, p, geometry)
+        _shares(pixels, geometry, used, p, a11, a12, a22, inner, bits, phase)
+        if turn < 4:
             # Which pixels are clipped is settled in the first turns, lest they come and go.
-            if turn < 4:
-                high = value > saturation - 4.5 * sigma
-                clipped[index] = (model <= 0.0 and value <= 0.0) or (
-                    high and (turn < 2 or model > saturation - 2.0 * sigma)
-                )
-            if clipped[index]:
-                settling = settling or turn < 3
-                continue
-            residual = value - model
-            root = 1.0 / sigma
-            chi2 += (residual * root) ** 2
-            if share > 0.5:
-                set_pixels += 1.0
-                set_squares += residual * residual
-            else:
-                clear_pixels += 1.0
-                clear_squares += residual * residual
-            steep = (f - b) * slope * per_s * root
-            across_x, across_y = steep * mx * per_norm, steep * my * per_norm
-            bend = -0.5 * steep * per_norm
-            on, off = root * share, root * (1.0 - share)
-            rows[0, used], rows[1, used] = across_x, across_y
-            rows[2, used], rows[3, used] = bend * dx * dx, 2.0 * bend * dx * dy
-            rows[4, used], rows[5, used] = bend * dy * dy, steep * d * per_s
-            rows[6, used], rows[7, used], rows[8, used] = on, on * tx, on * ty
-            rows[9, used], rows[10, used], rows[11, used] = off, off * tx, off * ty
-            rests[used] = root * residual
-            used += 1
-        statistics[0], statistics[1] = set_pixels, set_squares
-        statistics[2], statistics[3] = clear_pixels, clear_squares
-        statistics[4], statistics[5] = chi2, set_pixels + clear_pixels
+            some = _find_clipped(
+                pixels, geometry, used, p, x0, y0, r0, read, gain, saturation, turn < 2, clipped
+            )
+            settling = settling or (some and turn < 3)
+        _linearise(
+            pixels, geometry, used, p, x0, y0, r0, read, gain, clipped, rows, rests, statistics
+        )
         for j in range(n):
             right[j] = _product(rows[j], rests, used)
             for k in range(j + 1):
@@ -330,6 +379,11 @@ def fit_dot(
             factor *= 0.5
         for j in range(n):
             p[j] += factor * step[j]
+        # What is edge and what is flat is settled by the first step, unless that moves the edge by
+        # so little that all that is edge has been taken for it already.
+        bent = abs(step[2]) + 2.0 * abs(step[3]) + abs(step[4])
+        moved = move + 0.5 * reach * reach * reach * bent + 4.2 * max(step[5], 0.0)
+        sorting = turn == 0 and factor * moved > 0.2 * p[5]
         if p[5] < 0.29:
             p[5] = 0.29
         # What is saturated is at least as bright as that.
