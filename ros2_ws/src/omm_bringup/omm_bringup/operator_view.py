@@ -38,14 +38,24 @@ class Progress:
         return 0 if self.estimate is None else len(self.estimate.images)
 
     @property
-    def settled(self) -> bool:
-        """Everything that the program asked for has arrived and has been judged."""
+    def images_missing(self) -> int:
+        """How many images the program asked for that have not come."""
+        asked = 0 if self.state is None else self.state.measure_acknowledged
+        return max(0, asked - self.images_judged)
+
+    @property
+    def came_to_an_end(self) -> bool:
+        """The program has ended, and all images that came have been judged."""
         return (
             self.program_finished
             and self.estimate is not None
             and self.estimate.images_pending == 0
-            and self.images_judged >= self.state.measure_acknowledged  # type: ignore[union-attr]
         )
+
+    @property
+    def settled(self) -> bool:
+        """Everything that the program asked for has arrived and has been judged."""
+        return self.came_to_an_end and self.images_missing == 0
 
 
 class OperatorView:

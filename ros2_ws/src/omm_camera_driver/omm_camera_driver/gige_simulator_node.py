@@ -15,7 +15,7 @@ from rclpy.node import Node
 
 from omm_camera_driver.cell_view import cell_view
 from omm_camera_driver.gige_simulator import GigeSimulator
-from omm_camera_driver.node import TRUE_POSE_TOPIC
+from omm_camera_driver.true_pose_listener import TRUE_POSE_TOPIC
 from omm_camera_driver.true_poses import TruePoses
 from omm_ros import qos
 from omm_ros.conversions import stamp_ns, transform_from_pose
@@ -98,4 +98,5 @@ class GigeSimulatorNode(Node):
 
 def main(args: list[str] | None = None) -> None:
     """Run the simulated camera."""
-    sys.exit(run_node(GigeSimulatorNode, args))
+    # One thread: in rclpy's pool, poses come late.
+    sys.exit(run_node(GigeSimulatorNode, args, threads=1))

@@ -7,7 +7,6 @@ from concurrent.futures import Future, TimeoutError
 from functools import partial
 from typing import Any
 
-from geometry_msgs.msg import PoseStamped
 from omm_interfaces.srv import TriggerImage
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -19,16 +18,15 @@ from omm_camera_driver import camera_info
 from omm_camera_driver.driver import Camera, Frame
 from omm_camera_driver.drivers import DRIVERS
 from omm_camera_driver.parameters import Parameters, camera_settings
+from omm_camera_driver.true_pose_listener import TruePoseListener
 from omm_camera_driver.true_poses import TruePoses
 from omm_camera_driver.worker import CameraWorker, State, Status
 from omm_core.errors import DeviceError, InputError, OmmError
 from omm_ros import qos
-from omm_ros.conversions import image_message, stamp_ns, time_from_ns, transform_from_pose
+from omm_ros.conversions import image_message, time_from_ns
 from omm_ros.diagnostics import ERROR, OK, WARN, Diagnostics, Health
 from omm_ros.node_main import run_node
 from omm_ros.parameters import declare, watch
-
-TRUE_POSE_TOPIC = "/simulation/true_spindle_pose"
 
 
 class CameraNode(LifecycleNode):
@@ -40,6 +38,7 @@ class CameraNode(LifecycleNode):
         self._wanted = declare(self, Parameters)
         watch(self, self._wanted, self._on_parameters)
         self._worker: CameraWorker | None = None
+        self._listener: TruePoseListener | None = None
         self._ended = threading.Event()
         self.context.on_shutdown(self._ended.set)
         self._diagnostics = Diagnostics(self)
@@ -93,6 +92,7 @@ class CameraNode(LifecycleNode):
         """Let go of the camera before the publishers go."""
         self._ended.set()
         self._stop_worker()
+        self._stop_listening()
         super().destroy_node()
 
     # --- what the worker says, on its thread ---
@@ -159,9 +159,6 @@ class CameraNode(LifecycleNode):
         if future.exception() is not None:
             self.get_logger().warning(f"{future.exception()}", throttle_duration_sec=1.0)
 
-    def _on_true_pose(self, message: PoseStamped) -> None:
-        self._poses.add(stamp_ns(message.header.stamp), transform_from_pose(message.pose))
-
     def _on_parameters(self, updated: Parameters) -> None:
         before, after = camera_settings(self._wanted), camera_settings(updated)
         for name in ("exposure_us", "gain"):
@@ -190,19 +187,16 @@ class CameraNode(LifecycleNode):
         service = self.create_service(
             TriggerImage, "~/trigger", self._trigger, callback_group=group
         )
-        subscriptions = [
-            self.create_subscription(Empty, "~/take_image", self._on_take_image, qos.STATE)
-        ]
-        if self._wanted.driver == "simulated":
-            subscriptions.append(
-                self.create_subscription(PoseStamped, TRUE_POSE_TOPIC, self._on_true_pose, qos.POSE)
-            )
+        asked = self.create_subscription(Empty, "~/take_image", self._on_take_image, qos.STATE)
         self._undo: list[Callable[[], Any]] = [
             partial(self.destroy_publisher, self._images),
             partial(self.destroy_publisher, self._infos),
             partial(self.destroy_service, service),
-            *(partial(self.destroy_subscription, s) for s in subscriptions),
+            partial(self.destroy_subscription, asked),
         ]
+        if self._wanted.driver == "simulated":
+            self._listener = TruePoseListener(self.context, self._poses.add)
+            self._undo.append(self._stop_listening)
 
     def _camera_info(self) -> camera_info.InfoSource:
         file, url = self._wanted.calibration_file, self._wanted.camera_info_url
@@ -234,6 +228,11 @@ class CameraNode(LifecycleNode):
             return
         if self.context.ok():
             self.get_logger().warning("The camera still blocks; it is left to end by itself.")
+
+    def _stop_listening(self) -> None:
+        if self._listener is not None:
+            self._listener.close()
+            self._listener = None
 
     def _health(self) -> Health:
         if self._worker is None:

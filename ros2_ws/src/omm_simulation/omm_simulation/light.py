@@ -9,7 +9,7 @@ from omm_simulation.rays import Floats, LensNumbers, ray_of_pixel
 _LAMPS = 6
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _irradiance(x: float, y: float, z: float, normal: Floats, ring_radius_mm: float) -> float:
     """Light of a ring of lamps in the camera's plane at a point in `camera_optical`."""
     total = 0.0
@@ -23,7 +23,7 @@ def _irradiance(x: float, y: float, z: float, normal: Floats, ring_radius_mm: fl
     return total / _LAMPS
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def light_grid(
     lens: LensNumbers, normal: Floats, point_mm: Floats, nominal_distance_mm: float,
     ring_radius_mm: float, vignetting: float, first_col: int, first_row: int, rows: int, cols: int,
@@ -60,7 +60,7 @@ def light_grid(
     return light
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def light_between(grid, out) -> None:  # type: ignore[no-untyped-def]
     """Light at each pixel from a grid of it; `out` (H, W) begins where the grid does."""
     for row in range(out.shape[0]):

@@ -115,7 +115,7 @@ def _clutter(rng: np.random.Generator) -> NDArray[np.float32]:
     return np.asarray(np.flipud(cv2.GaussianBlur(drawn, (0, 0), 1.0)), dtype=np.float32)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def plate_grid(lens: LensNumbers, homography: Floats, rows: int, cols: int) -> Floats:
     """Where the grid's points see the plate, in mm, shape (2, rows, cols)."""
     seen = np.empty((2, rows, cols))
@@ -129,7 +129,7 @@ def plate_grid(lens: LensNumbers, homography: Floats, rows: int, cols: int) -> F
     return seen
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, nogil=True, fastmath=True)
 def render_plate(  # type: ignore[no-untyped-def]
     grid_mm, light, coarse, fine, black_dn, mean_dn, out
 ) -> None:

@@ -33,7 +33,7 @@ def lens_numbers(lens: Lens) -> LensNumbers:
     raise InputError(f"Expected a Brown or plumb_bob lens, got {type(lens).__name__}.")
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def ray_of_pixel(lens: LensNumbers, col: float, row: float) -> tuple[float, float]:
     """(u/w, v/w) of the ray that ends in a point of the image."""
     k1, k2, k3, p1, p2 = lens[5], lens[6], lens[7], lens[8], lens[9]
@@ -77,7 +77,7 @@ def plane_homography(camera_R_plane: Floats, plane_in_camera_mm: Floats) -> Floa
     return np.array([(n @ c) * e1 - (e1 @ c) * n, (n @ c) * e2 - (e2 @ c) * n, n])
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def see_plane(lens: LensNumbers, homography: Floats, pixels: Floats) -> Floats:
     """Where points of the image (N, 2) see a plane, in its coordinates (N, 2) in mm."""
     seen = np.empty_like(pixels)

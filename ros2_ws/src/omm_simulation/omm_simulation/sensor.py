@@ -24,7 +24,7 @@ def _normal_quantiles() -> NDArray[np.float32]:
     return (deviates / deviates.std()).astype(np.float32)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _mix(counter: np.uint64) -> np.uint64:
     z = counter * np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -32,7 +32,7 @@ def _mix(counter: np.uint64) -> np.uint64:
     return z ^ (z >> np.uint64(31))
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, nogil=True, fastmath=True)
 def _expose(
     ideal: Any, seed: np.uint64, black: np.float32, read_variance: np.float32,
     dn_per_electron: np.float32, full_scale: np.float32, quantiles: Any, out: Any,

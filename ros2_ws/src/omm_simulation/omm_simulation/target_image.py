@@ -146,7 +146,7 @@ def _pixel_weights(blur_px: float, margin: int, k: int) -> Floats:
     return np.convolve(gauss / gauss.sum(), np.full(k, 1.0 / k))
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _reduce(fine, weights, k):  # type: ignore[no-untyped-def]
     """Weighted sums along the second axis, one per k cells."""
     rows = fine.shape[0]
@@ -161,7 +161,7 @@ def _reduce(fine, weights, k):  # type: ignore[no-untyped-def]
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _half_plane(distance, a, b):  # type: ignore[no-untyped-def]
     """Area of a unit square where a u + b v + distance > 0 (a, b: gradient, any scale)."""
     a, b = abs(a), abs(b)
@@ -178,7 +178,7 @@ def _half_plane(distance, a, b):  # type: ignore[no-untyped-def]
     return area if distance < 0.0 else 1.0 - area
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _cover(x, y, jxu, jxv, jyu, jyv, dot, inner, outer, bits, phase):  # type: ignore[no-untyped-def]
     """Coverage of one cell around (x, y); j..: its sides in the plane."""
     r = math.sqrt(x * x + y * y)
@@ -204,7 +204,7 @@ def _cover(x, y, jxu, jxv, jyu, jyv, dot, inner, outer, bits, phase):  # type: i
     return band * (before + (after - before) * beyond)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _target_cells(x, y, k, dot, inner, outer, bits, phase):  # type: ignore[no-untyped-def]
     rows, cols = x.shape[0] - 2, x.shape[1] - 2
     fine = np.empty((rows * k, cols * k))

@@ -1,0 +1,62 @@
+"""Hears where the simulated spindle truly is, on a thread of its own."""
+
+import threading
+from collections.abc import Callable
+
+from geometry_msgs.msg import PoseStamped
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.context import Context
+from rclpy.exceptions import InvalidHandle
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+
+from omm_core.geometry import RigidTransform
+from omm_ros import qos
+from omm_ros.conversions import stamp_ns, transform_from_pose
+
+TRUE_POSE_TOPIC = "/simulation/true_spindle_pose"
+_END_S = 1.0
+
+
+class TruePoseListener:
+    """Hands every pose on as it comes.
+
+    In the pool of threads that serves the camera's services, each pose costs ten times as much: on
+    a busy machine they came seconds late, and no image could be taken.
+    """
+
+    def __init__(self, context: Context, add: Callable[[int, RigidTransform], None]) -> None:
+        self._add = add
+        self._context = context
+        # A node of its own, as an executor serves whole nodes; the remapping of our name is not
+        # meant for it.
+        self._node = Node(
+            "camera_true_poses",
+            context=context,
+            use_global_arguments=False,
+            start_parameter_services=False,
+            enable_rosout=False,
+        )
+        self._node.create_subscription(PoseStamped, TRUE_POSE_TOPIC, self._on_pose, qos.POSE)
+        self._executor = SingleThreadedExecutor(context=context)
+        self._executor.add_node(self._node)
+        self._thread = threading.Thread(target=self._spin, name="true poses", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Hear no more."""
+        self._executor.shutdown(timeout_sec=_END_S)
+        self._thread.join(_END_S)
+        self._node.destroy_node()
+
+    def _spin(self) -> None:
+        try:
+            self._executor.spin()
+        except ExternalShutdownException:
+            pass  # Ctrl-C
+        except (RCLError, InvalidHandle):
+            if self._context.ok():
+                raise
+
+    def _on_pose(self, message: PoseStamped) -> None:
+        self._add(stamp_ns(message.header.stamp), transform_from_pose(message.pose))
