@@ -81,6 +81,15 @@ def invert(N, inverse):  # type: ignore[no-untyped-def]
     return True
 
 
+@njit(cache=True, fastmath=True)
+def product(a, b, count):  # type: ignore[no-untyped-def]
+    """Return the sum of a_i b_i over the first `count`; in vectors, so in no certain order."""
+    total = 0.0
+    for i in range(count):
+        total += a[i] * b[i]
+    return total
+
+
 @njit(cache=True)
 def copy_to(target, source):  # type: ignore[no-untyped-def]
     """``target[:] = source`` for matrices; numba's own compiles five seconds at its checks."""

@@ -6,15 +6,17 @@ among `Detection.refused`, with the reason.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.errors import InputError
-from omm_core.targets import judging
+from omm_core.targets.centring import centre_all, centre_of_outline
+from omm_core.targets.detected import DetectedTarget, Detection, RefusedTarget
 from omm_core.targets.families import TargetFamily, mirror_code
+from omm_core.targets.judging import Reading, judge_candidates
 from omm_core.targets.search import find_dots
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
@@ -46,55 +48,6 @@ class DetectionOptions:
     expected_ids: frozenset[int] | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class DetectedTarget:
-    """A target with its number.
-
-    Attributes
-    ----------
-    center_px : (2,) col, row of the centre of the dot's image; (0, 0) is the centre of the
-        top-left pixel.
-    covariance_px2 : (2, 2) of (col, row).
-    diameter_px : mean diameter (of the circle with the ellipse's area).
-    axes_px : larger and smaller diameter of the ellipse.
-    angle_rad : direction of the larger axis, from col towards row.
-    phase_rad : where the first bit's sector begins, clockwise in the dot's own plane.
-    bright : True for a bright dot on dark.
-    contrast_dn : difference of the grey values of dot and background.
-    blur_px : standard deviation of the edge, the pixel's own size included.
-    ring_margin : distance of the most doubtful sector from the threshold; 0.5 is perfect.
-    """
-
-    id: int
-    center_px: NDArray[np.float64]
-    covariance_px2: NDArray[np.float64]
-    diameter_px: float
-    axes_px: tuple[float, float]
-    angle_rad: float
-    phase_rad: float
-    bright: bool
-    contrast_dn: float
-    blur_px: float
-    ring_margin: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class RefusedTarget:
-    """Something that looked like a target and was not accepted."""
-
-    center_px: NDArray[np.float64]
-    diameter_px: float
-    reason: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class Detection:
-    """What was found in one image, in order of number; and what was refused."""
-
-    targets: tuple[DetectedTarget, ...] = field(default=())
-    refused: tuple[RefusedTarget, ...] = field(default=())
-
-
 def detect_targets(
     image: Image, family: TargetFamily, options: DetectionOptions | None = None
 ) -> Detection:
@@ -114,19 +67,13 @@ def detect_targets(
     found = _search(image, family, options)
     # Large ones first: the sectors of a ring look like small dots, and need no second look.
     candidates = found[np.argsort(found[:, 2] + found[:, 4])]
-    readings, doubtful = judging.read_targets(image, family, candidates)
-    refused = [RefusedTarget(**outcome) for outcome in doubtful]
+    readings, refused = judge_candidates(image, family, candidates)
     if options.centring == "fit" and readings:
-        saturation = _saturation(image, options, readings)
-        outcomes = judging.centre_all(image, family, readings, saturation)
+        outcomes = centre_all(image, family, readings, _saturation(image, options, readings))
     else:
-        outcomes = [judging.centre_of_outline(r) for r in readings]
-    targets = []
-    for outcome in outcomes:
-        if "reason" in outcome:
-            refused.append(RefusedTarget(**outcome))
-        else:
-            targets.append(DetectedTarget(**outcome))
+        outcomes = [centre_of_outline(reading) for reading in readings]
+    targets = [outcome for outcome in outcomes if isinstance(outcome, DetectedTarget)]
+    refused += [outcome for outcome in outcomes if isinstance(outcome, RefusedTarget)]
     targets, more = _refuse_doubles(targets)
     mirrored = _refuse_mirrored(targets, family, options)
     refused = _outside(refused, targets)
@@ -183,7 +130,7 @@ def _search(image: Image, family: TargetFamily, options: DetectionOptions) -> ND
     return full
 
 
-def _saturation(image: Image, options: DetectionOptions, readings: list[judging.Reading]) -> float:
+def _saturation(image: Image, options: DetectionOptions, readings: list[Reading]) -> float:
     """Grey value from which on pixels are saturated."""
     if options.saturation_dn is not None:
         return options.saturation_dn
