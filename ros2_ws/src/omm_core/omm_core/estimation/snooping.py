@@ -81,7 +81,7 @@ def search(problem: Problem, options: SolveOptions) -> Search:
                 f" wrong. Either {words}; or {doubt}. Take another image of each."
             )
             return Search(
-                fit=Fit(problem=problem, missing=(contradiction,)),
+                fit=Fit(problem=problem, options=options, missing=(contradiction,)),
                 dropped=np.zeros(len(problem), dtype=bool), reasons={}, findings=(),
             )  # fmt: skip
         findings.append(words)
@@ -100,14 +100,13 @@ def _most_likely(
         (hypothesis, without)
         for hypothesis, without in tried
         if without.determined
-        and without.statistics is not None
-        and without.statistics.degrees_of_freedom >= 1
+        and without.degrees_of_freedom >= 1
         and (without.passed if current.unseen else _explains(current, without, options))
     ]
     if not explaining:
         return None
     # While another error is still in, chance is as much larger as the residuals are.
-    variance = max(1.0, min(_variance(without) for _, without in explaining))
+    variance = max(1.0, min(rest.cost / rest.degrees_of_freedom for _, rest in explaining))
     chance = variance * chi2_limit(2, options.significance)
     scored = sorted(
         (
@@ -173,10 +172,6 @@ def _fits_from_nothing(
     return [done[index] for index in range(len(hypotheses))]
 
 
-def _variance(found: Fit) -> float:
-    return found.statistics.sigma0**2 if found.statistics is not None else np.inf
-
-
 def _explains(current: Fit, without: Fit, options: SolveOptions) -> bool:
     """Tell whether what is left out stands out from what is left (F test).
 
@@ -184,10 +179,8 @@ def _explains(current: Fit, without: Fit, options: SolveOptions) -> bool:
     """
     from scipy.special import fdtri
 
-    assert current.statistics is not None
-    assert without.statistics is not None
-    left = without.statistics.degrees_of_freedom
-    removed = current.statistics.degrees_of_freedom - left
+    left = without.degrees_of_freedom
+    removed = current.degrees_of_freedom - left
     variance = max(without.cost / left, 1e-30)
     limit = float(fdtri(removed, left, 1.0 - 10.0 * options.significance))
     stands_out = (current.cost - without.cost) / removed > limit * variance
