@@ -8,6 +8,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from omm_interfaces.msg import PartEstimate
 from rclpy.client import Client
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from rich.console import Console
 from std_srvs.srv import Trigger
 
@@ -15,6 +16,7 @@ from omm_bringup.operator_view import OperatorView
 from omm_bringup.report import estimate_table
 from omm_core.errors import MeasurementError
 from omm_ros import transport
+from omm_ros.interrupt import told_to_end
 
 _READY_S = 30.0
 _SILENT_S = 60.0
@@ -55,6 +57,24 @@ def measure(node: Node, console: Console, check_alive: Callable[[], None]) -> Pa
                 raise MeasurementError(f"No image came for {_SILENT_S:.0f} s.")
     assert view.progress.estimate is not None
     return view.progress.estimate
+
+
+def measure_alone(
+    console: Console, check_alive: Callable[[], None], arguments: list[str] | None = None
+) -> PartEstimate:
+    """`measure` in a process without other nodes; as it does, and KeyboardInterrupt at Ctrl-C."""
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        with told_to_end() as ended:
+
+            def check() -> None:
+                if ended.is_set():
+                    raise KeyboardInterrupt
+                check_alive()
+
+            return measure(Node("operator"), console, check)
+    finally:
+        rclpy.try_shutdown()
 
 
 def _start_program(node: Node, check_alive: Callable[[], None]) -> None:
@@ -99,17 +119,13 @@ def _not_ready(node: Node, start: Client, camera: _CameraHealth) -> str:
 def main(args: list[str] | None = None) -> int:
     """Run as a node beside others that somebody else has started (a launch file)."""
     transport.prepare()
-    rclpy.init(args=args)
     console = Console()
     try:
-        node = Node("operator")
-        estimate = measure(node, console, lambda: None)
+        estimate = measure_alone(console, lambda: None, args)
         console.print(estimate_table(estimate))
     except MeasurementError as error:
         console.print(f"omm: {error}", style="red")
         return 1
     except KeyboardInterrupt:
         return 130
-    finally:
-        rclpy.try_shutdown()
     return 0 if estimate.determined else 1

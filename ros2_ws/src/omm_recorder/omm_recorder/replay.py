@@ -64,7 +64,9 @@ class ReplayNode(Node):
         If there is no such recording, it has no such topic, or a message type is not installed.
     """
 
-    def __init__(self, overrides: list[Parameter] | None = None) -> None:
+    def __init__(
+        self, overrides: list[Parameter] | None = None, ended: threading.Event | None = None
+    ) -> None:
         super().__init__("replay", parameter_overrides=overrides or [])
         self.parameters = declare(self, ReplayParameters)
         if not self.parameters.run:
@@ -72,7 +74,7 @@ class ReplayNode(Node):
         self.recording = Recording(Path(self.parameters.run))
         self.topics = self._chosen()
         self.sent = 0
-        self._ended = threading.Event()
+        self._ended = ended or threading.Event()
         self._playing: dict[str, Publisher] = {name: self._publisher(name) for name in self.topics}
         self._clock = self.create_publisher(Clock, "/clock", 10)
         self._clock_ns = 0
@@ -105,7 +107,8 @@ class ReplayNode(Node):
             self._playing[message.topic].publish(bytes(message.data))
             self.sent += 1
             clock.played(message.log_time_ns)
-        self._wait_until_taken()
+        if not self._ended.is_set():
+            self._wait_until_taken()
 
     def _wait_for(self, message: RecordedMessage, clock: PlaybackClock, keys: Keyboard) -> bool:
         """Let the time come; False where it is to end."""
@@ -264,21 +267,23 @@ def replay(overrides: list[Parameter] | None = None, arguments: list[str] | None
         As `ReplayNode` does.
     """
     import rclpy
+    from rclpy.signals import SignalHandlerOptions
 
     from omm_ros import transport
+    from omm_ros.interrupt import told_to_end
 
     transport.prepare()
-    rclpy.init(args=arguments)
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     node = None
     spinning = None
     executor = SingleThreadedExecutor()
     try:
-        node = ReplayNode(overrides)
-        executor.add_node(node)
-        rclpy.get_default_context().on_shutdown(node.end)
-        spinning = threading.Thread(target=executor.spin, name="spinning", daemon=True)
-        spinning.start()
-        node.play()
+        with told_to_end() as ended:
+            node = ReplayNode(overrides, ended)
+            executor.add_node(node)
+            spinning = threading.Thread(target=executor.spin, name="spinning", daemon=True)
+            spinning.start()
+            node.play()
         return 0
     except KeyboardInterrupt:
         return 0

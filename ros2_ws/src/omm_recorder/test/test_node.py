@@ -380,23 +380,42 @@ def test_solving_again_uses_every_parameter_of_the_estimator() -> None:
     assert options_from({}) == Parameters().measurement_options()
 
 
+def spin_until_taken(node: Any, listener: Listener, number: int) -> None:
+    executor = rclpy.executors.SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    until = time.monotonic() + 60.0
+    while len(listener.taken) < number:
+        assert time.monotonic() < until
+        executor.spin_once(timeout_sec=0.05)
+    executor.shutdown()
+
+
 def test_replay_in_a_loop_begins_again_until_it_is_ended(
     node: Any, start: Any, listeners: Any, record: Any, samples: Any
 ) -> None:
     poses, _, _ = listeners
     replay = start("replay", run=record(), rate=100.0, loop="true")
-    executor = rclpy.executors.SingleThreadedExecutor(context=node.context)
-    executor.add_node(node)
     once = [s.data for s in samples if s.topic == POSES]
-    until = time.monotonic() + 60.0
-    while len(poses.taken) < 2 * len(once):
-        assert time.monotonic() < until
-        executor.spin_once(timeout_sec=0.05)
-    executor.shutdown()
+    spin_until_taken(node, poses, 2 * len(once))
     assert poses.taken[: 2 * len(once)] == once * 2
     replay.send_signal(signal.SIGINT)
-    replay.communicate(timeout=30)
-    assert replay.returncode == 0
+    _, errors = replay.communicate(timeout=30)
+    assert replay.returncode == 0, errors
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("after_s", [0.0, 0.003, 0.01, 0.03])
+def test_told_to_end_amid_messages_replay_ends_cleanly(
+    number: int, after_s: float, node: Any, start: Any, listeners: Any, record: Any
+) -> None:
+    poses, _, _ = listeners
+    replay = start("replay", run=record(), rate=100.0, loop="true")
+    spin_until_taken(node, poses, 1)
+    time.sleep(after_s)
+    replay.send_signal(number)
+    _, errors = replay.communicate(timeout=30)
+    assert replay.returncode == 0, errors
+    assert "Traceback" not in errors
 
 
 def test_replay_tells_what_is_wrong(start: Any, tmp_path: Path, record: Any) -> None:

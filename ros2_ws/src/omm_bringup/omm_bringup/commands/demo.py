@@ -86,20 +86,14 @@ def _run_folder(chosen: Path | None, scenario: str, seed: int) -> Path:
 
 def _measure(nodes: "Sequence[RunningNode]", console: "Console") -> "PartEstimate":
     """Play the operator; returns the last live estimate."""
-    import rclpy
-    from rclpy.node import Node
-
-    from omm_bringup.operator_node import measure
+    from omm_bringup.operator_node import measure_alone
     from omm_bringup.processes import check_alive
 
-    rclpy.init()
     try:
-        return measure(Node("operator"), console, lambda: check_alive(nodes))
+        return measure_alone(console, lambda: check_alive(nodes))
     except MeasurementError as error:
         logs = nodes[0].log_file.parent
         raise MeasurementError(f"{error} The nodes' logs lie in {logs}.") from error
-    finally:
-        rclpy.try_shutdown()
 
 
 def _tell_whether_equal(
