@@ -24,11 +24,13 @@ _ABOVE_MM = 600.0
 
 
 def warm_up_detection() -> None:
-    """Find one target in a plain drawing."""
+    """Find one target in a plain drawing, of 8 and of 16 bit."""
     from omm_core.targets import detect_targets
 
     family = TargetFamily.by_name(_FAMILY)
-    detect_targets(_drawing(family, 1), family)
+    drawing = _drawing(family, 1)
+    detect_targets(drawing, family)
+    detect_targets(drawing.astype(np.uint16), family)
 
 
 def warm_up_estimation() -> None:

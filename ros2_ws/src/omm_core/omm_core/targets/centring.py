@@ -14,11 +14,20 @@ from omm_core.targets.dot_fit import fit_dot
 from omm_core.targets.dot_model import PARAMETERS
 from omm_core.targets.families import TargetFamily
 from omm_core.targets.judging import Reading, radius, refusal
-from omm_core.targets.light import Light, light_around, noise, slopes_prior
-from omm_core.targets.outline import square_root
+from omm_core.targets.light import (
+    MIXED,
+    MIXED_ONCE_FITTED,
+    Light,
+    light_around,
+    noise,
+    slopes_prior,
+)
+from omm_core.targets.outline import semi_axes, square_root
 
 Floats = NDArray[np.float64]
 
+SMALL_PX = 8.0
+"""Smaller semi-axis below which light is looked at again when the dot has been fitted."""
 MAX_MISFIT = 4.0
 """χ² per degree of freedom from which on it is not noise alone; the covariance grows with it."""
 MAX_RESIDUAL = 0.06
@@ -41,21 +50,33 @@ def centre_all(
     readings = list(readings)
     lights = [light_around(image, family, reading, saturation) for reading in readings]
     read, gain = noise(lights)
-    clipped = [i for i, light in enumerate(lights) if light is not None and light.clipped.any()]
-    for i in clipped:
+    again = [i for i, light in enumerate(lights) if _is_to_see_again(readings[i], light)]
+    for i in again:
         fit = _fit(image, family, readings[i], read, gain, saturation, lights[i])
         if fit is not None:
-            # What is saturated looks wider than it is, so that light was taken from edges too.
-            # Now that the size is known: once more.
             outline = np.concatenate([fit[0][:5], readings[i].outline[5:8], fit[0][5:6]])
             readings[i] = replace(readings[i], outline=outline)
-            lights[i] = light_around(image, family, readings[i], saturation)
-    if clipped:
+            mixed = MIXED if _is_clipped(lights[i]) else MIXED_ONCE_FITTED
+            lights[i] = light_around(image, family, readings[i], saturation, mixed)
+    if again:
         read, gain = noise(lights)
     return [
         _judge(reading, _fit(image, family, reading, read, gain, saturation, light))
         for reading, light in zip(readings, lights, strict=True)
     ]
+
+
+def _is_to_see_again(reading: Reading, light: Light | None) -> bool:
+    """Whether light was taken from edges too, for want of knowing well where these are.
+
+    A small dot's outline is known to a tenth of a pixel, and its ring has few pixels away from
+    edges. What is saturated looks wider than it is.
+    """
+    return _is_clipped(light) or semi_axes(*reading.outline[2:5])[0] < SMALL_PX
+
+
+def _is_clipped(light: Light | None) -> bool:
+    return light is not None and bool(light.clipped.any())
 
 
 def _fit(
@@ -120,13 +141,13 @@ def _result(
     reading: Reading, conic: Floats, covariance: Floats, s: float, contrast: float | None = None
 ) -> DetectedTarget:
     a11, a12, a22 = square_root(conic[2], conic[3], conic[4])
-    mean, half = a11 + a22, math.hypot(a11 - a22, 2.0 * a12)
+    smaller, larger = semi_axes(*conic[2:5])
     return DetectedTarget(
         id=reading.id,
         center_px=np.array(conic[:2]),
         covariance_px2=np.array(covariance),
         diameter_px=2.0 * radius(conic),
-        axes_px=(mean + half, mean - half),
+        axes_px=(2.0 * larger, 2.0 * smaller),
         angle_rad=0.5 * math.atan2(2.0 * a12, a11 - a22),
         phase_rad=reading.phase_rad,
         bright=reading.sign > 0,

@@ -64,6 +64,7 @@ def detect_targets(
     """
     options = options or DetectionOptions()
     _check(image, options)
+    image = _for_kernels(image)
     found = _search(image, family, options)
     # Large ones first: the sectors of a ring look like small dots, and need no second look.
     candidates = found[np.argsort(found[:, 2] + found[:, 4])]
@@ -100,6 +101,16 @@ def _check(image: Image, options: DetectionOptions) -> None:
         )
     if options.centring not in ("fit", "outline"):
         raise InputError(f"Expected the centring 'fit' or 'outline', got {options.centring!r}.")
+
+
+def _for_kernels(image: Image) -> Image:
+    """The same image in the one form for which the kernels are compiled (`warm_up`).
+
+    An array that may not be written to is another type to numba than one that may.
+    """
+    kept = image.view() if image.flags.c_contiguous else image.copy()
+    kept.flags.writeable = False
+    return kept
 
 
 def _search(image: Image, family: TargetFamily, options: DetectionOptions) -> NDArray[np.float64]:

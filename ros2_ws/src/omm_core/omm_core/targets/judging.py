@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from omm_core.targets import reading
 from omm_core.targets.detected import RefusedTarget
 from omm_core.targets.families import TargetFamily
-from omm_core.targets.outline import square_root, within_any
+from omm_core.targets.outline import semi_axes, square_root, within_any
 from omm_core.targets.reading import read_candidates, read_ring
 
 Floats = NDArray[np.float64]
@@ -149,11 +149,10 @@ def _perspective(
     """
     if radius(shape) < LEAN_RADIUS_PX:
         return None
-    a11, a12, a22 = square_root(shape[2], shape[3], shape[4])
-    half = math.hypot(a11 - a22, 2.0 * a12)
-    smaller, larger = 0.5 * (a11 + a22 - half), 0.5 * (a11 + a22 + half)
+    smaller, larger = semi_axes(shape[2], shape[3], shape[4])
     if smaller < LEAN_RADIUS_PX or larger < 1.04 * smaller:
         return None
+    a11, a12, a22 = square_root(shape[2], shape[3], shape[4])
     angle = 0.5 * math.atan2(2.0 * a12, a11 - a22) + 0.5 * math.pi
     axis = np.array([math.cos(angle), math.sin(angle)])
     # Lean is the dot's radius by its distance, times the sine of the tilt.

@@ -46,17 +46,27 @@ UNSEEN_SLOPE_SATURATED, UNSEEN_SLOPE_BLACK = 5e-4, 3e-3
 Zeros come from processing (a black level cut away, sharpening) that does more to the edges."""
 _UNSEEN = np.array([UNSEEN_SLOPE_SATURATED, UNSEEN_SLOPE_BLACK])
 _SLOPES = np.array([1, 2, 4, 5])
-MIXED = (0.01, 0.12)
-"""Share of set in a clear pixel, or of clear in a set one, up to which it tells of light. With the
-second a dot of 12 px is off by 0.002 px, so it serves only where there are too few pixels."""
+MIXED, MIXED_OF_FEW, MIXED_ONCE_FITTED = 0.01, 0.12, 0.02
+"""Share of set in a clear pixel, or of clear in a set one, up to which it tells of light: before
+the dot is fitted, where that leaves too few pixels (a dot of 12 px is then off by 0.002 px), and
+when outline and blur are known from the fit."""
 
 
 def light_around(
-    image: NDArray[Any], family: TargetFamily, reading: Reading, saturation: float
+    image: NDArray[Any],
+    family: TargetFamily,
+    reading: Reading,
+    saturation: float,
+    mixed: float = MIXED,
 ) -> Light | None:
-    """Light around the dot, or None where too little of the ring can be used."""
+    """Light around the dot, or None where too little of the ring can be used.
+
+    Parameters
+    ----------
+    mixed : one of `MIXED` and its like.
+    """
     s = max(float(reading.outline[8]), 0.35)
-    for mixed in MIXED:
+    for share in (mixed, MIXED_OF_FEW):
         normal, right, count, clipped, taken = ring_light(
             image,
             reading.outline,
@@ -67,7 +77,7 @@ def light_around(
             reading.phase_rad,
             s,
             saturation,
-            mixed,
+            share,
         )
         if count.min() >= 12:
             break

@@ -53,6 +53,14 @@ def square_root(xx, xy, yy):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
+def semi_axes(xx, xy, yy):  # type: ignore[no-untyped-def]
+    """Smaller and larger semi-axis of the ellipse xᵀ M x = 1."""
+    a11, a12, a22 = square_root(xx, xy, yy)
+    mean, half = 0.5 * (a11 + a22), 0.5 * math.sqrt((a11 - a22) ** 2 + 4.0 * a12 * a12)
+    return mean - half, mean + half
+
+
+@numba.njit(cache=True, error_model="numpy")
 def outline(image, col, row, xx, xy, yy, sign):  # type: ignore[no-untyped-def]
     """Ellipse through the half levels of the dot's edge on rays from its centre.
 
@@ -152,9 +160,7 @@ def dot_outline(image, candidate):  # type: ignore[no-untyped-def]
     )
     if not ok:
         return shape, False
-    a11, a12, a22 = square_root(shape[2], shape[3], shape[4])
-    half = 0.5 * math.sqrt((a11 - a22) ** 2 + 4.0 * a12 * a12)
-    smaller, larger = 0.5 * (a11 + a22) - half, 0.5 * (a11 + a22) + half
+    smaller, larger = semi_axes(shape[2], shape[3], shape[4])
     ok = smaller >= MIN_RADIUS_PX and larger <= 3.0 * smaller and shape[7] <= 0.15 + 0.04 * smaller
     return shape, ok
 
