@@ -2,6 +2,7 @@
 
 import json
 import math
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -117,6 +118,23 @@ def test_solving_again_gives_the_same_bytes(measured: Path, omm: Omm, tmp_path: 
     assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
     again = json.loads((tmp_path / "a.json").read_text())
     assert again["theta"] == json.loads((measured / "result.json").read_text())["result"]["theta"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_told_to_end_amid_a_run_it_keeps_what_was_recorded(
+    number: int, omm: Omm, tmp_path: Path
+) -> None:
+    run = tmp_path / "run"
+    command = [sys.executable, "-m", "omm_bringup.command_line", "demo", "--folder", str(run)]
+    demo = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    assert demo.stdout is not None
+    assert any("program started" in line for line in demo.stdout)
+    demo.send_signal(number)
+    told, _ = demo.communicate(timeout=60)
+    assert demo.returncode == 130, told
+    assert "interrupted" in told
+    assert "Traceback" not in told
+    assert "as it was recorded" in omm("verify", run).stdout
 
 
 def test_two_demos_at_once_do_not_hear_each_other(tmp_path: Path) -> None:

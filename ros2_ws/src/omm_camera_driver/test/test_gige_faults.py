@@ -48,7 +48,7 @@ def assert_right(recorder: Recorder) -> None:
 
 
 @pytest.mark.timeout(900)
-def test_fifty_losses_leave_nothing_behind(
+def test_losses_one_after_another_leave_nothing_behind(
     camera_process: CameraProcess, recorder: Recorder
 ) -> None:
     camera_process.start()
