@@ -17,7 +17,7 @@ import math
 import numba
 import numpy as np
 
-from omm_core.linear_algebra import invert, product
+from omm_core.linear_algebra import copy_to, invert, product
 from omm_core.targets.dot_model import (
     PARAMETERS,
     find_clipped,
@@ -27,6 +27,11 @@ from omm_core.targets.dot_model import (
     sort_pixels,
 )
 from omm_core.targets.outline import square_root
+
+MAX_TURNS = 25
+SETTLED = 4
+"""Turns after which the set of pixels does not change any more, so that costs can be compared."""
+FIRST_DAMPING = 0.1
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
@@ -62,20 +67,24 @@ def _add_flat(flat, p, read, gain, normal, right, statistics):  # type: ignore[n
 
 @numba.njit(cache=True, error_model="numpy")
 def _add_prior(prior, mean, p, normal, right):  # type: ignore[no-untyped-def]
-    """Add what the ring tells of the slopes (fx, fy, bx, by)."""
+    """Add what the ring tells of the slopes (fx, fy, bx, by); return its weighted square."""
+    cost = 0.0
     for j in range(4):
         a = 7 + j if j < 2 else 8 + j
         for k in range(4):
             c = 7 + k if k < 2 else 8 + k
-            right[a] += prior[j, k] * (mean[k] - p[c])
+            pull = prior[j, k] * (mean[k] - p[c])
+            right[a] += pull
+            cost += (mean[j] - p[a]) * pull
             if c <= a:
                 normal[a, c] += prior[j, k]
+    return cost
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _solve(normal, right, scale, inverse, step):  # type: ignore[no-untyped-def]
-    """Fill step, and the inverse of the normal matrix scaled to a diagonal of 1; False where it
-    has none."""
+def _solve(normal, right, damping, scaled, scale, inverse, step):  # type: ignore[no-untyped-def]
+    """Fill step, and the inverse of the normal matrix scaled to a diagonal of 1 + damping; False
+    where it has none."""
     n = len(right)
     for j in range(n):
         if not normal[j, j] > 0.0:
@@ -83,8 +92,9 @@ def _solve(normal, right, scale, inverse, step):  # type: ignore[no-untyped-def]
         scale[j] = 1.0 / math.sqrt(normal[j, j])
     for j in range(n):
         for k in range(j + 1):
-            normal[j, k] *= scale[j] * scale[k]
-    if not invert(normal, inverse):
+            scaled[j, k] = normal[j, k] * scale[j] * scale[k]
+        scaled[j, j] = 1.0 + damping
+    if not invert(scaled, inverse):
         return False
     for j in range(n):
         step[j] = 0.0
@@ -92,6 +102,14 @@ def _solve(normal, right, scale, inverse, step):  # type: ignore[no-untyped-def]
             step[j] += inverse[j, k] * right[k] * scale[k]
         step[j] *= scale[j]
     return True
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _centre_covariance(inverse, scale, covariance):  # type: ignore[no-untyped-def]
+    """Fill the covariance (2, 2) of (col, row)."""
+    covariance[0, 0] = inverse[0, 0] * scale[0] * scale[0]
+    covariance[0, 1] = covariance[1, 0] = inverse[0, 1] * scale[0] * scale[1]
+    covariance[1, 1] = inverse[1, 1] * scale[1] * scale[1]
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -162,21 +180,23 @@ def fit_dot(
     rows, rests = np.empty((PARAMETERS, most)), np.empty(most)
     clipped = np.zeros(most, dtype=np.bool_)
     normal, right, inverse = np.empty((n, n)), np.empty(n), np.empty((n, n))
-    scale, step = np.empty(n), np.empty(n)
+    scaled, scale, step = np.empty((n, n)), np.empty(n), np.empty(n)
+    best, best_right, best_normal = np.empty(n), np.empty(n), np.empty((n, n))
+    lowest, damping = math.inf, 0.0
     used = np.int64(0)
     sorting = True
-    for turn in range(15):
+    for turn in range(MAX_TURNS):
         settling = turn == 0  # the centre may be right before the grey levels are
         if sorting:
             used = sort_pixels(image, start, p, inner, below, pixels, flat)
         place(pixels, used, p, geometry)
         shares(pixels, geometry, used, p, a11, a12, a22, inner, bits, phase)
-        if turn < 4:
+        if turn < SETTLED:
             # Which pixels are clipped is settled in the first turns, lest they come and go.
             some = find_clipped(
                 pixels, geometry, used, p, x0, y0, r0, read, gain, saturation, turn < 2, clipped
             )
-            settling = settling or (some and turn < 3)
+            settling = settling or (some and turn < SETTLED - 1)
         linearise(
             pixels, geometry, used, p, x0, y0, r0, read, gain, clipped, rows, rests, statistics
         )
@@ -185,18 +205,30 @@ def fit_dot(
             for k in range(j + 1):
                 normal[j, k] = product(rows[j], rows[k], used)
         _add_flat(flat, p, read, gain, normal, right, statistics)
-        _add_prior(prior, prior_mean, p, normal, right)
+        cost = statistics[4] + _add_prior(prior, prior_mean, p, normal, right)
         # Where all of the dot is saturated only its edge tells of F: hold it loosely.
         normal[6, 6] += loose
         normal[9, 9] += loose
         right[6] += loose * (f_start - p[6])
         right[9] += loose * (b_start - p[9])
-        if not _solve(normal, right, scale, inverse, step):
+        cost += loose * ((f_start - p[6]) ** 2 + (b_start - p[9]) ** 2)
+        worse = turn >= SETTLED and cost > lowest
+        if worse:
+            # Level, size and blur of what is saturated can hardly be told apart: step less far.
+            damping = max(10.0 * damping, FIRST_DAMPING)
+            copy_to(normal, best_normal)
+            for j in range(n):
+                p[j], right[j] = best[j], best_right[j]
+        elif turn >= SETTLED - 1:
+            lowest = cost
+            damping *= 0.1
+            copy_to(best_normal, normal)
+            for j in range(n):
+                best[j], best_right[j] = p[j], right[j]
+        if not _solve(normal, right, damping, scaled, scale, inverse, step):
             return False
         move = math.sqrt(step[0] * step[0] + step[1] * step[1])
         factor = _bold(p, step, move)
-        if turn > 4:
-            factor *= 0.5
         for j in range(n):
             p[j] += factor * step[j]
         # What is edge and what is flat is settled by the first step, unless that moves the edge by
@@ -215,15 +247,17 @@ def fit_dot(
             return False
         if abs(p[0] - x0) > 0.5 * reach or abs(p[1] - y0) > 0.5 * reach:
             return False
-        covariance[0, 0] = inverse[0, 0] * scale[0] * scale[0]
-        covariance[0, 1] = covariance[1, 0] = inverse[0, 1] * scale[0] * scale[1]
-        covariance[1, 1] = inverse[1, 1] * scale[1] * scale[1]
-        if factor == 1.0 or turn > 5:
-            # Below a quarter of the standard deviation; a twentieth of that step is left.
-            limit = 0.03 * (covariance[0, 0] + covariance[1, 1]) + 1e-10
-            if move * move < limit and not settling:
-                converged = True
-                # The sums are from before this step, which takes so much off χ².
-                statistics[4] = max(statistics[4] - product(step, right, n), 0.0)
-                break
+        if factor < 1.0 or worse or settling:
+            continue
+        _centre_covariance(inverse, scale, covariance)
+        # Below a quarter of the standard deviation; a twentieth of that step is left.
+        limit = 0.03 * (covariance[0, 0] + covariance[1, 1]) + 1e-10
+        if (move * (1.0 + damping)) ** 2 < limit:
+            converged = True
+            # The sums are from before this step, which takes so much off χ².
+            statistics[4] = max(statistics[4] - product(step, right, n), 0.0)
+            if damping > 0.0:
+                converged = _solve(normal, right, 0.0, scaled, scale, inverse, step)
+                _centre_covariance(inverse, scale, covariance)
+            break
     return converged and sign * (p[6] - p[9]) > 0.0

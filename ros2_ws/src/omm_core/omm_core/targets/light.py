@@ -46,10 +46,12 @@ UNSEEN_SLOPE_SATURATED, UNSEEN_SLOPE_BLACK = 5e-4, 3e-3
 Zeros come from processing (a black level cut away, sharpening) that does more to the edges."""
 _UNSEEN = np.array([UNSEEN_SLOPE_SATURATED, UNSEEN_SLOPE_BLACK])
 _SLOPES = np.array([1, 2, 4, 5])
-MIXED, MIXED_OF_FEW, MIXED_ONCE_FITTED = 0.01, 0.12, 0.02
-"""Share of set in a clear pixel, or of clear in a set one, up to which it tells of light: before
-the dot is fitted, where that leaves too few pixels (a dot of 12 px is then off by 0.002 px), and
-when outline and blur are known from the fit."""
+Mixed = tuple[tuple[float, int], ...]
+MIXED: Mixed = ((0.01, 12), (0.12, 0))
+MIXED_ONCE_FITTED: Mixed = ((0.02, 45), (0.12, 60), (0.4, 0))
+"""Share of set in a clear pixel, or of clear in a set one, up to which it tells of light, and how
+many such pixels must be there, or else the next share is taken: before the dot is fitted (with the
+second share a dot of 12 px is then off by 0.002 px), and when outline and blur are known."""
 
 
 def light_around(
@@ -57,16 +59,16 @@ def light_around(
     family: TargetFamily,
     reading: Reading,
     saturation: float,
-    mixed: float = MIXED,
+    mixed: Mixed = MIXED,
 ) -> Light | None:
     """Light around the dot, or None where too little of the ring can be used.
 
     Parameters
     ----------
-    mixed : one of `MIXED` and its like.
+    mixed : `MIXED` or `MIXED_ONCE_FITTED`.
     """
     s = max(float(reading.outline[8]), 0.35)
-    for share in (mixed, MIXED_OF_FEW):
+    for share, enough in mixed:
         normal, right, count, clipped, taken = ring_light(
             image,
             reading.outline,
@@ -79,7 +81,7 @@ def light_around(
             saturation,
             share,
         )
-        if count.min() >= 12:
+        if count.min() >= enough:
             break
     lost = clipped > 0.02 * count
     if lost.any():

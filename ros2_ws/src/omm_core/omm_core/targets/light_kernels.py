@@ -59,7 +59,10 @@ def ring_light(image, start, lean, inner, outer, bits, phase, s, saturation, mix
                 continue
             # Pixels per dot radius across circles, and per radian across the sectors' borders.
             across = rho * det / math.sqrt((a22 * u - a12 * v) ** 2 + (a11 * v - a12 * u) ** 2)
-            z_in, z_out = (rho - inner) * across / s, (outer - rho) * across / s
+            # What is round looks smaller when it is blurred, see `dot_model`.
+            bulge = 0.5 * s * across**3 / det**2
+            z_in = (rho - inner) * across / s + bulge / inner
+            z_out = (outer - rho) * across / s - bulge / outer
             share = 0.0
             if z_in > -3.0:
                 turn = (math.atan2(v, u) - phase) / pitch
