@@ -212,7 +212,7 @@ def fit_dot(
         right[6] += loose * (f_start - p[6])
         right[9] += loose * (b_start - p[9])
         cost += loose * ((f_start - p[6]) ** 2 + (b_start - p[9]) ** 2)
-        worse = turn >= SETTLED and cost > lowest
+        worse = turn >= SETTLED and cost > lowest * (1.0 + 1e-9)
         if worse:
             # Level, size and blur of what is saturated can hardly be told apart: step less far.
             damping = max(10.0 * damping, FIRST_DAMPING)
