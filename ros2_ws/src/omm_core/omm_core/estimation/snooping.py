@@ -66,8 +66,10 @@ def search(problem: Problem, options: SolveOptions) -> Search:
     if not solvable or first.passed or not options.find_errors:
         return Search(fit=first, dropped=dropped, reasons={}, findings=())
     current, reasons, findings = first, {}, []
+    astray = True  # the errors may have led the fit to a wrong place
     while not current.passed:
-        found = _most_likely(problem, dropped, current, options)
+        tried, astray = _fits_without(problem, dropped, current, options, astray=astray)
+        found = _most_likely(tried, current, options)
         if found is None:
             return Search(
                 fit=first, dropped=np.zeros(len(problem), dtype=bool), reasons={}, findings=()
@@ -92,10 +94,9 @@ def search(problem: Problem, options: SolveOptions) -> Search:
 
 
 def _most_likely(
-    problem: Problem, dropped: NDArray[np.bool_], current: Fit, options: SolveOptions
+    tried: list[tuple[Hypothesis, Fit]], current: Fit, options: SolveOptions
 ) -> tuple[Hypothesis, Fit, Hypothesis | None] | None:
     """Return the best hypothesis, the fit without it, and a rival that nobody can tell from it."""
-    tried = _fits_without(problem, dropped, current, options)
     explaining = [
         (hypothesis, without)
         for hypothesis, without in tried
@@ -128,12 +129,19 @@ def _most_likely(
 
 
 def _fits_without(
-    problem: Problem, dropped: NDArray[np.bool_], current: Fit, options: SolveOptions
-) -> list[tuple[Hypothesis, Fit]]:
+    problem: Problem,
+    dropped: NDArray[np.bool_],
+    current: Fit,
+    options: SolveOptions,
+    *,
+    astray: bool,
+) -> tuple[list[tuple[Hypothesis, Fit]], bool]:
     """Return each hypothesis with the fit without what it is about.
 
     That is searched for next to the current fit. Where no hypothesis makes that one sound, the
-    errors may have led it to a wrong place, and all are fitted from nothing, too.
+    errors may have led it to a wrong place, and all are fitted from nothing, too. Returned with
+    them is whether one came to another place by that: if none did, there is no need to ask again
+    when fewer errors are left.
     """
     most = max(1, int(len(problem) * _MOST_LEFT_OUT))
     hypotheses = [
@@ -144,12 +152,18 @@ def _fits_without(
     smaller = [problem.without(dropped | hypothesis.members) for hypothesis in hypotheses]
     here = None if current.best is None else [current.best]
     fits = [fit(rest, options, near=here) for rest in smaller]
-    if not any(near.passed for near in fits):
+    if astray and not any(near.passed for near in fits):
+        anew = _fits_from_nothing(hypotheses, smaller, options)
+        astray = any(_elsewhere(one, other) for one, other in zip(fits, anew))
         fits = [
-            min(near, anew, key=lambda f: f.cost if f.determined else np.inf)
-            for near, anew in zip(fits, _fits_from_nothing(hypotheses, smaller, options))
+            min(pair, key=lambda f: f.cost if f.determined else np.inf) for pair in zip(fits, anew)
         ]
-    return list(zip(hypotheses, fits))
+    return list(zip(hypotheses, fits)), astray
+
+
+def _elsewhere(near: Fit, anew: Fit) -> bool:
+    """Whether the fit from nothing came to a better place than the one next to the current fit."""
+    return anew.determined and not (near.determined and near.cost <= anew.cost * (1.0 + 1e-6))
 
 
 def _fits_from_nothing(
