@@ -14,6 +14,7 @@ from omm_core.estimation.adjustment import Adjustment, predictions, refine
 from omm_core.estimation.kernels import (
     lens_pixel,
     normal_equations,
+    predict_all,
     rotate,
     workspace,
 )
@@ -156,3 +157,15 @@ def test_a_start_that_does_not_see_the_targets_ends_without_a_solution():
     found = refine(problem, SolveOptions(), away)
     assert not found.converged
     assert not np.isfinite(found.cost)
+
+
+def test_what_the_camera_cannot_see_has_no_pixel_and_no_derivative():
+    _, problem, truth = problem_and_truth(LENSES[0])
+    behind = truth.d0_mm + 1e6 * (truth.d0_mm - problem.d_cnc.mean(axis=0))
+    pixels, jacobians = np.zeros((len(problem), 2)), np.full((len(problem), 2, 7), np.inf)
+    predict_all(
+        *problem.model_arguments(), truth.rotation, -behind, truth.gamma_s_rad, pixels, jacobians
+    )
+    unseen = np.isnan(pixels[:, 0])
+    assert unseen.any()
+    assert np.all(jacobians[unseen] == 0.0)

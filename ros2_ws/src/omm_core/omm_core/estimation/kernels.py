@@ -263,7 +263,8 @@ def predict(lens, kind, A, b, dA, db, points, t, R, d0, outline, by_machine, by_
 @_compiled
 def predict_all(lens, kind, R_calib, d_calib, R_cnc, d_cnc, image_of, target_of, points, R, d0,
                 gamma_s, pixels, jacobians):  # fmt: skip
-    """Fill the predicted pixels (N, 2) and their derivatives (N, 2, 7)."""
+    """Fill the predicted pixels (N, 2) and their derivatives (N, 2, 7); NaN and 0 of what the
+    camera cannot see."""
     count = points.shape[1]
     A, b, dA, db = np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty(3)
     outline, by_machine = np.empty((count, 2)), np.empty((count, 2, 3))
@@ -277,6 +278,9 @@ def predict_all(lens, kind, R_calib, d_calib, R_cnc, d_cnc, image_of, target_of,
             lens, kind, A, b, dA, db, points, target_of[n], R, d0,
             outline, by_machine, by_gamma, weights, jacobians[n],
         )  # fmt: skip
+        if math.isnan(pixels[n, 0]):
+            for k in range(7):
+                jacobians[n, 0, k] = jacobians[n, 1, k] = 0.0
 
 
 @_compiled
