@@ -29,9 +29,9 @@ from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from sensor_msgs.msg import Image  # noqa: E402
 
-from omm_camera_driver.gige_simulator import GigeSimulator  # noqa: E402
-from omm_recorder.reading import Recording  # noqa: E402
-from omm_recorder.writing import REPORT  # noqa: E402
+from omm_camera_driver.drivers.gige.simulator import GigeSimulator  # noqa: E402
+from omm_recording.reading import Recording  # noqa: E402
+from omm_recording.writing import REPORT  # noqa: E402
 from omm_ros import qos  # noqa: E402
 from omm_ros.conversions import stamp_ns  # noqa: E402
 from omm_simulation.cell import draw  # noqa: E402

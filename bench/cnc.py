@@ -83,7 +83,7 @@ def _controls(folder: Path) -> dict[str, Callable[[], Any]]:
     import node_opcua
     import peers
 
-    from omm_cnc_bridge.linuxcnc_cell import is_installed
+    from omm_cnc_bridge.controls.linuxcnc.cell import is_installed
 
     def linuxcnc(poll: bool) -> Any:
         return peers.LinuxCnc(folder / f"poll_{poll}", poll=poll) if is_installed() else None

@@ -32,7 +32,7 @@ from sensor_msgs.msg import Image  # noqa: E402
 from std_msgs.msg import Header  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
-from omm_core.part import load_part  # noqa: E402
+from omm_core.files.part import load_part  # noqa: E402
 from omm_ros import qos  # noqa: E402
 from omm_ros.conversions import (  # noqa: E402
     image_message,

@@ -56,8 +56,8 @@ def main() -> int:
 def images(run: Path | None) -> list[np.ndarray]:
     """Eight images (H, W) uint8: from a recording, or dark ones with noise and bright dots."""
     if run is not None:
-        from omm_recorder.decoding import image_pixels
-        from omm_recorder.reading import Recording
+        from omm_recording.decoding import image_pixels
+        from omm_recording.reading import Recording
 
         with Recording(run) as recording:
             topic = recording.messages(["/camera/image_raw"])
@@ -164,8 +164,8 @@ def write_mcap(
 
 def write_omm(path: Path, data: list[bytes], definition: str, compression: str) -> Path:
     """With checksums, the chain of links, and what reaches the disk every half second."""
-    from omm_recorder.rosbag2_format import TopicQos
-    from omm_recorder.writing import RecordingOptions, RecordingWriter, TopicToRecord
+    from omm_recording.rosbag2_format import TopicQos
+    from omm_recording.writing import RecordingOptions, RecordingWriter, TopicToRecord
 
     writer = RecordingWriter(path, RecordingOptions(compression=compression))
     topic = TopicToRecord(
@@ -210,7 +210,7 @@ def report(
     rate: float,
 ) -> int:
     """Run it, print what became of it; returns how many messages were lost."""
-    from omm_recorder.inspecting import inspect
+    from omm_recording.inspecting import inspect
 
     settings = [f"folder:={folder}", f"compression:={arguments.compression}"]
     nodes = [start("recorder", "omm_recorder.node", settings), *nodes]

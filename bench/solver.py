@@ -21,18 +21,18 @@ sys.path[:0] = [
 
 from core_cells import bench_cell, random_cell  # noqa: E402
 
-from omm_core.estimation import SolveOptions, build_problem, solve  # noqa: E402
-from omm_core.estimation.adjustment import (  # noqa: E402
+from omm_core.geometry import holder_rotation, rotation_from_euler_xyz_rad  # noqa: E402
+from omm_core.numerics.linear_algebra import inverse  # noqa: E402
+from omm_core.part_pose import SolveOptions, build_problem, solve  # noqa: E402
+from omm_core.part_pose.adjustment import (  # noqa: E402
     MAX_ITERATIONS,
     TOLERANCE_SIGMA,
     Adjustment,
     adjust,
     refine,
 )
-from omm_core.estimation.kernels import gauss_newton  # noqa: E402
-from omm_core.estimation.monte_carlo import solve_each  # noqa: E402
-from omm_core.geometry import holder_rotation, rotation_from_euler_xyz_rad  # noqa: E402
-from omm_core.linear_algebra import inverse  # noqa: E402
+from omm_core.part_pose.kernels import gauss_newton  # noqa: E402
+from omm_core.part_pose.monte_carlo import solve_each  # noqa: E402
 
 SIGMA_PX = 0.05
 REPLICATES = 10_000

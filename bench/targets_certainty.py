@@ -18,7 +18,7 @@ import numpy as np
 from targets_speed import clutter
 
 from omm_core.targets import DetectionOptions, TargetFamily, detect_targets
-from omm_core.targets.choosing import propose_ids
+from omm_core.targets.coded.choosing import propose_ids
 from omm_simulation.target_image import affine_plane, disc_coverage, target_coverage
 
 FAMILIES = ("aicon12", "aicon14", "metashape12", "metashape14")

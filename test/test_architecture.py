@@ -10,14 +10,19 @@ CORE = {"omm_core"}
 ALLOWED = {
     "omm_core": CORE,
     "omm_simulation": CORE | {"omm_simulation"},
+    "omm_recording": CORE | {"omm_recording"},
+    "omm_runs": CORE | {"omm_recording", "omm_runs"},
+    "omm_report": CORE | {"omm_recording", "omm_runs", "omm_report"},
     "omm_ros": CORE | {"omm_ros", "omm_interfaces"},
     "omm_camera_driver": CORE
     | {"omm_camera_driver", "omm_ros", "omm_interfaces", "omm_simulation"},
     "omm_cnc_bridge": CORE | {"omm_cnc_bridge", "omm_ros", "omm_interfaces", "omm_simulation"},
     "omm_estimator": CORE | {"omm_estimator", "omm_ros", "omm_interfaces"},
-    "omm_recorder": CORE | {"omm_recorder", "omm_ros", "omm_interfaces"},
+    "omm_recorder": CORE | {"omm_recorder", "omm_recording", "omm_ros", "omm_interfaces"},
+    "omm_operator": CORE
+    | {"omm_operator", "omm_report", "omm_runs", "omm_recording", "omm_ros", "omm_interfaces"},
 }
-ROS_FREE = ("omm_core", "omm_simulation")
+ROS_FREE = ("omm_core", "omm_simulation", "omm_recording", "omm_runs", "omm_report")
 
 
 def imported_packages(package: str) -> set[str]:

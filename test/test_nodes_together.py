@@ -7,8 +7,8 @@ import pytest
 from estimator_bench import Bench, bench_in_own_domain, end, kill
 from omm_interfaces.srv import LoadPart
 
-from omm_recorder.repairing import repair
-from omm_recorder.solving import solve_run
+from omm_recording.repairing import repair
+from omm_runs.solving import solve_run
 from omm_simulation.cell import Cell, draw, write_estimator_files
 from omm_simulation.offline import ImageMessage, run
 from omm_simulation.scenario import load_scenario

@@ -20,7 +20,6 @@ setup(
     entry_points={
         "console_scripts": [
             "omm = omm_bringup.command_line:main",
-            "operator_node = omm_bringup.operator_node:main",
         ],
     },
 )

@@ -19,7 +19,7 @@ setup(
     entry_points={
         "console_scripts": [
             "camera_node = omm_camera_driver.node:main",
-            "gige_simulator_node = omm_camera_driver.gige_simulator_node:main",
+            "gige_simulator_node = omm_camera_driver.drivers.gige.simulator_node:main",
         ],
     },
 )

@@ -60,7 +60,7 @@ def _nodes(context):  # type: ignore[no-untyped-def]
     ]
     # The operator presses cycle start when all are there, and ends when the part is measured.
     operator = Node(
-        package="omm_bringup",
+        package="omm_operator",
         executable="operator_node",
         name="operator",
         output="screen",

@@ -8,10 +8,10 @@ import numpy as np
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from sensor_msgs.msg import CameraInfo
 
-from omm_core.calibration import load_calibration
 from omm_core.errors import InputError
-from omm_core.lens import BrownPhotogrammetric, PlumbBob
-from omm_core.yaml_input import read_yaml
+from omm_core.files.yaml_input import read_yaml
+from omm_core.imaging.calibration import load_calibration
+from omm_core.imaging.lens import BrownPhotogrammetric, PlumbBob
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,10 +16,10 @@ from std_msgs.msg import Empty
 
 from omm_camera_driver import camera_info
 from omm_camera_driver.driver import Camera, Frame
-from omm_camera_driver.drivers import DRIVERS
+from omm_camera_driver.drivers.choosing import DRIVERS
+from omm_camera_driver.drivers.simulated.true_pose_listener import TruePoseListener
+from omm_camera_driver.drivers.simulated.true_poses import TruePoses
 from omm_camera_driver.parameters import Parameters, camera_settings
-from omm_camera_driver.true_pose_listener import TruePoseListener
-from omm_camera_driver.true_poses import TruePoses
 from omm_camera_driver.worker import CameraWorker, State, Status
 from omm_core.errors import DeviceError, InputError, OmmError
 from omm_ros import qos

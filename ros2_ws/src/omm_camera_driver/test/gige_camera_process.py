@@ -29,7 +29,7 @@ def begin_of(image: NDArray[np.generic]) -> int:
 
 def main() -> None:
     """Serve until killed."""
-    from omm_camera_driver.gige_simulator import GigeSimulator
+    from omm_camera_driver.drivers.gige.simulator import GigeSimulator
 
     address, lost = sys.argv[1], float(sys.argv[2])
     simulator = GigeSimulator(

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omm_camera_driver.camera_clock import CameraClock, Reading
+from omm_camera_driver.drivers.gige.camera_clock import CameraClock, Reading
 
 BOOT_NS = 1_700_000_000_000_000_000
 

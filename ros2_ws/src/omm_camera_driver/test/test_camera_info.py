@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from omm_camera_driver import camera_info
-from omm_core.calibration import load_calibration
 from omm_core.errors import InputError
+from omm_core.imaging.calibration import load_calibration
 from omm_simulation.scenario import load_scenario
 
 # As camera_calibration writes it (its tutorial's file, shortened).

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from omm_camera_driver.drivers.choosing.gige import gvcp
 
-from omm_camera_driver import gvcp
 from omm_camera_driver.driver import CameraSettings, Frame, Trigger
-from omm_camera_driver.gige import GigeDriver, GigeOptions, find
-from omm_camera_driver.gige_simulator import GigeSimulator
+from omm_camera_driver.drivers.gige.driver import GigeDriver, GigeOptions, find
+from omm_camera_driver.drivers.gige.simulator import GigeSimulator
 from omm_core.errors import DeviceError, InputError
 
 WIDTH, HEIGHT = 2592, 1944

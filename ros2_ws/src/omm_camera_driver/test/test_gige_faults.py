@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from omm_camera_driver.driver import CameraSettings, Trigger
-from omm_camera_driver.gige import GigeDriver, GigeOptions
+from omm_camera_driver.drivers.gige.driver import GigeDriver, GigeOptions
 from omm_camera_driver.worker import CameraWorker, State
 from omm_core.errors import DeviceError
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omm_camera_driver.cell_view import CellView, cell_view
 from omm_camera_driver.driver import CameraSettings, FrameLost, Trigger
-from omm_camera_driver.simulated import SimulatedDriver
-from omm_camera_driver.true_poses import TruePoses, interpolate
+from omm_camera_driver.drivers.simulated.cell_view import CellView, cell_view
+from omm_camera_driver.drivers.simulated.driver import SimulatedDriver
+from omm_camera_driver.drivers.simulated.true_poses import TruePoses, interpolate
 from omm_camera_driver.worker import CameraWorker
 from omm_core.errors import DeviceError, InputError
 from omm_core.geometry import RigidTransform

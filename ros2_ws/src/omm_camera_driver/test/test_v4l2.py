@@ -8,10 +8,10 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from omm_camera_driver.drivers.choosing.v4l2 import videodev
 
-from omm_camera_driver import videodev
-from omm_camera_driver.v4l2 import exposure_middle, mono_image
-from omm_camera_driver.v4l2_controls import control_name
+from omm_camera_driver.drivers.v4l2.controls import control_name
+from omm_camera_driver.drivers.v4l2.driver import exposure_middle, mono_image
 
 
 def _vivid_vm() -> ModuleType:

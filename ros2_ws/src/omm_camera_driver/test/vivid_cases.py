@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from omm_camera_driver.driver import Camera, CameraSettings, DeviceLost, Frame, Trigger
-from omm_camera_driver.v4l2 import V4l2Driver
-from omm_camera_driver.v4l2_controls import Controls
-from omm_camera_driver.v4l2_devices import devices, find
+from omm_camera_driver.drivers.v4l2.controls import Controls
+from omm_camera_driver.drivers.v4l2.devices import devices, find
+from omm_camera_driver.drivers.v4l2.driver import V4l2Driver
 from omm_camera_driver.worker import CameraWorker
 from omm_core.errors import DeviceError, InputError
 

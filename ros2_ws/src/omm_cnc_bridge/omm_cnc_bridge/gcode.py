@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_core.calibration import CameraCalibration
 from omm_core.errors import InputError
+from omm_core.files.part import Part
 from omm_core.geometry import RigidTransform
-from omm_core.part import Part
+from omm_core.imaging.calibration import CameraCalibration
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,7 @@ from enum import Enum
 import numpy as np
 
 from omm_cnc_bridge.control import ControlSample
-from omm_cnc_bridge.kinematics import Machine
+from omm_cnc_bridge.machine.kinematics import Machine
 from omm_cnc_bridge.standstill import StandStill, StandStillLimits
 from omm_core.errors import InputError
 from omm_core.geometry import RigidTransform

@@ -21,10 +21,10 @@ from tf2_msgs.msg import TFMessage
 from omm_cnc_bridge import conversions
 from omm_cnc_bridge.commands import Commands
 from omm_cnc_bridge.control import Connection, ControlSample, KnowsTruth
-from omm_cnc_bridge.controls import make_control
+from omm_cnc_bridge.controls.choosing import make_control
 from omm_cnc_bridge.handshake import Acknowledge, Action, Handshake, HandshakeLimits, Trigger
 from omm_cnc_bridge.judgement import Judge, Judgement, Reported, SampleLimits
-from omm_cnc_bridge.kinematics import Machine
+from omm_cnc_bridge.machine.kinematics import Machine
 from omm_cnc_bridge.parameters import Parameters
 from omm_cnc_bridge.standstill import StandStillLimits
 from omm_core.errors import DeviceError

@@ -17,7 +17,7 @@ from typing import Any
 
 import node_opcua
 
-from omm_cnc_bridge.linuxcnc_cell import LinuxCncCell
+from omm_cnc_bridge.controls.linuxcnc.cell import LinuxCncCell
 
 HERE = Path(__file__).parent
 THREE_AXES = HERE.parent / "machines" / "three_axis_mill.urdf"

@@ -13,7 +13,7 @@ from node_bench import end
 from omm_interfaces.msg import SpindleState
 from omm_interfaces.srv import Mdi
 
-from omm_cnc_bridge.linuxcnc_cell import LinuxCncCell, is_installed
+from omm_cnc_bridge.controls.linuxcnc.cell import LinuxCncCell, is_installed
 from omm_ros.conversions import stamp_ns
 
 MACHINE = Path(__file__).parents[1] / "machines" / "three_axis_mill.urdf"

@@ -14,7 +14,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from node_bench import end
 from omm_interfaces.msg import SpindleState
 
-from omm_cnc_bridge.linuxcnc_cell import is_installed
+from omm_cnc_bridge.controls.linuxcnc.cell import is_installed
 from omm_ros.conversions import stamp_ns
 
 CONNECTION = "cnc_bridge: connection"

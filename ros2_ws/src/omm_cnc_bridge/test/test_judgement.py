@@ -8,7 +8,7 @@ import pytest
 
 from omm_cnc_bridge.control import ControlSample
 from omm_cnc_bridge.judgement import Judge, Reported, SampleLimits
-from omm_cnc_bridge.kinematics import Machine
+from omm_cnc_bridge.machine.kinematics import Machine
 from omm_cnc_bridge.standstill import StandStillLimits
 
 MS = 1_000_000

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from omm_cnc_bridge.kinematics import Machine, Side
+from omm_cnc_bridge.machine.kinematics import Machine, Side
 from omm_core.errors import InputError
 
 MACHINES = Path(__file__).parents[1] / "machines"

@@ -14,13 +14,17 @@ import numpy as np
 import pytest
 
 from omm_cnc_bridge.control import ControlSample, ProgramState
+from omm_cnc_bridge.controls.linuxcnc.cell import LinuxCncCell, is_installed
+from omm_cnc_bridge.controls.linuxcnc.control import (
+    LOCAL_READER,
+    LinuxCncControl,
+    SimulatedLinuxCnc,
+)
 from omm_cnc_bridge.gcode import ProgramOptions, Stop, measuring_program
 from omm_cnc_bridge.judgement import Judge, SampleLimits
-from omm_cnc_bridge.kinematics import Machine
-from omm_cnc_bridge.linuxcnc import LOCAL_READER, LinuxCncControl, SimulatedLinuxCnc
-from omm_cnc_bridge.linuxcnc_cell import LinuxCncCell, is_installed
+from omm_cnc_bridge.machine.kinematics import Machine
+from omm_cnc_bridge.machine.urdf import load_urdf
 from omm_cnc_bridge.standstill import StandStillLimits
-from omm_cnc_bridge.urdf import load_urdf
 from omm_core.errors import DeviceError
 
 pytestmark = pytest.mark.skipif(

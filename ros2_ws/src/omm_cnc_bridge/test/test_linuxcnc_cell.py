@@ -10,9 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from omm_cnc_bridge.kinematics import Machine
-from omm_cnc_bridge.linuxcnc import LinuxCncControl
-from omm_cnc_bridge.linuxcnc_cell import (
+from omm_cnc_bridge.controls.linuxcnc.cell import (
     DemoLinuxCnc,
     LinuxCncCell,
     can_isolate,
@@ -20,6 +18,8 @@ from omm_cnc_bridge.linuxcnc_cell import (
     pids_at,
     remove_stale_folders,
 )
+from omm_cnc_bridge.controls.linuxcnc.control import LinuxCncControl
+from omm_cnc_bridge.machine.kinematics import Machine
 from omm_core.errors import DeviceError
 
 pytestmark = pytest.mark.skipif(
@@ -32,8 +32,8 @@ MACHINE = Path(__file__).parents[1] / "machines" / "three_axis_mill.urdf"
 
 HOLDER = f"""
 import time
-from omm_cnc_bridge.linuxcnc_cell import DemoLinuxCnc
-from omm_cnc_bridge.kinematics import Machine
+from omm_cnc_bridge.controls.linuxcnc.cell import DemoLinuxCnc
+from omm_cnc_bridge.machine.kinematics import Machine
 machine = Machine.load({str(MACHINE)!r})
 control = DemoLinuxCnc("three_axis_mill", "M2", machine, rate_hz=100)
 control.connect()

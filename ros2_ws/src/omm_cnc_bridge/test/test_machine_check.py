@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from omm_cnc_bridge.kinematics import Machine
-from omm_cnc_bridge.machine_check import check
-from omm_cnc_bridge.machine_drawing import draw
+from omm_cnc_bridge.machine.check import check
+from omm_cnc_bridge.machine.drawing import draw
+from omm_cnc_bridge.machine.kinematics import Machine
 
 MACHINES = Path(__file__).parents[1] / "machines"
 ISO_841 = sorted(MACHINES.glob("*.urdf"))

@@ -9,9 +9,9 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 is not there")
 pytest.importorskip("omm_interfaces", reason="the workspace is not built (./omm setup)")
 
-from omm_cnc_bridge.linuxcnc_cell import is_installed
-from omm_core.pairing import PoseTrack
-from omm_core.part import load_part
+from omm_cnc_bridge.controls.linuxcnc.cell import is_installed
+from omm_core.files.part import load_part
+from omm_core.session.pairing import PoseTrack
 from omm_ros.conversions import stamp_ns, transform_from_pose
 from omm_simulation.cell import draw, write_estimator_files
 from omm_simulation.scenario import load_scenario

@@ -9,8 +9,8 @@ import pytest
 from mtconnect_agent import GOOD, Agent
 
 from omm_cnc_bridge.control import Mode, ProgramState
-from omm_cnc_bridge.mtconnect import MtConnectControl
-from omm_cnc_bridge.mtconnect_model import read_device, read_document, stamp_ns
+from omm_cnc_bridge.controls.mtconnect.control import MtConnectControl
+from omm_cnc_bridge.controls.mtconnect.model import read_device, read_document, stamp_ns
 from omm_core.errors import DeviceError, InputError
 
 

@@ -17,8 +17,8 @@ import node_opcua  # noqa: E402
 from opcua_server import OpcUaTestServer  # noqa: E402
 
 from omm_cnc_bridge.control import Mode, ProgramState  # noqa: E402
-from omm_cnc_bridge.opcua import OpcUaControl, Security  # noqa: E402
-from omm_cnc_bridge.opcua_mapping import load_mapping  # noqa: E402
+from omm_cnc_bridge.controls.opcua.control import OpcUaControl, Security  # noqa: E402
+from omm_cnc_bridge.controls.opcua.mapping import load_mapping  # noqa: E402
 
 CONTROLS = Path(__file__).parents[1] / "controls"
 MAPPING = """

@@ -12,11 +12,11 @@ import sys
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_core.calibration import CameraCalibration
+from omm_core.files.part import Part, Target
 from omm_core.geometry import RigidTransform
-from omm_core.lens import PlumbBob
-from omm_core.part import Part, Target
-from omm_core.targets.families import TargetFamily
+from omm_core.imaging.calibration import CameraCalibration
+from omm_core.imaging.lens import PlumbBob
+from omm_core.targets.coded.families import TargetFamily
 
 _FAMILY = "metashape12"
 _NORMAL = np.array([0.0, 0.0, 1.0])
@@ -35,7 +35,7 @@ def warm_up_detection() -> None:
 
 def warm_up_estimation() -> None:
     """Solve from eight images of four targets."""
-    from omm_core.estimation import Observation, solve
+    from omm_core.part_pose import Observation, solve
 
     lens = PlumbBob(
         width_px=2000, height_px=1500, fx_px=2500.0, fy_px=2500.0, cx_px=1000.0, cy_px=750.0

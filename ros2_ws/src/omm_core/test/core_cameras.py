@@ -1,6 +1,6 @@
 """The cameras that several tests use: Table 1 of the paper, and its like as plumb_bob."""
 
-from omm_core.lens import BrownPhotogrammetric, PlumbBob
+from omm_core.imaging.lens import BrownPhotogrammetric, PlumbBob
 
 PAPER_LENS = BrownPhotogrammetric(
     width_px=2592, height_px=1944, pixel_size_mm=0.0022, focal_length_mm=6.189,

@@ -8,11 +8,11 @@ import numpy as np
 from core_cameras import PAPER_LENS
 from numpy.typing import NDArray
 
-from omm_core.calibration import CameraCalibration
-from omm_core.circle import CircleCentre, project_circles
-from omm_core.estimation.problem import Observation
+from omm_core.files.part import Part, Target
 from omm_core.geometry import RigidTransform, spindle_T_taper
-from omm_core.part import Part, Target
+from omm_core.imaging.calibration import CameraCalibration
+from omm_core.imaging.circle import CircleCentre, project_circles
+from omm_core.part_pose.problem import Observation
 
 Array = NDArray[np.float64]
 

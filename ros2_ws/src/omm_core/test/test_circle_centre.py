@@ -5,8 +5,8 @@ import pytest
 from core_cameras import LENS_NAMES, LENSES
 from scipy.optimize import least_squares
 
-from omm_core.circle import CircleCentre, centre_weights, circle_points, project_circles
-from omm_core.lens import BrownPhotogrammetric
+from omm_core.imaging.circle import CircleCentre, centre_weights, circle_points, project_circles
+from omm_core.imaging.lens import BrownPhotogrammetric
 
 both = pytest.mark.parametrize("lens", LENSES, ids=LENS_NAMES)
 TILTS_DEG = (0.0, 20.0, 45.0)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import yaml
 
-from omm_core.calibration import load_calibration
 from omm_core.errors import InputError
+from omm_core.files.part import load_part
 from omm_core.geometry import rotation_from_euler_xyz_rad
-from omm_core.lens import BrownPhotogrammetric, PlumbBob
-from omm_core.part import load_part
+from omm_core.imaging.calibration import load_calibration
+from omm_core.imaging.lens import BrownPhotogrammetric, PlumbBob
 
 CAMERA = {
     "camera": {"name": "c", "width_px": 2592, "height_px": 1944, "pixel_size_mm": 0.0022},

@@ -8,18 +8,18 @@ from core_cameras import LENS_NAMES, LENSES
 from core_cells import PAPER_CALIBRATION, random_cell
 from reference_model import predict
 
-from omm_core.circle import CircleCentre, project_circles
-from omm_core.estimation import SolveOptions, build_problem
-from omm_core.estimation.adjustment import Adjustment, predictions, refine
-from omm_core.estimation.kernels import (
+from omm_core.geometry import RigidTransform, spindle_T_taper
+from omm_core.imaging.circle import CircleCentre, project_circles
+from omm_core.part_pose import SolveOptions, build_problem
+from omm_core.part_pose.adjustment import Adjustment, predictions, refine
+from omm_core.part_pose.kernels import (
     lens_pixel,
     normal_equations,
     predict_all,
     rotate,
     workspace,
 )
-from omm_core.estimation.start import Start
-from omm_core.geometry import RigidTransform, spindle_T_taper
+from omm_core.part_pose.start import Start
 
 both = pytest.mark.parametrize("lens", LENSES, ids=LENS_NAMES)
 

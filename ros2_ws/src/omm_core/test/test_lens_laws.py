@@ -7,7 +7,7 @@ import pytest
 from core_cameras import LENS_NAMES, LENSES, PAPER_LENS, PLUMB_BOB_LENS
 
 from omm_core.errors import InputError
-from omm_core.lens import check_lens
+from omm_core.imaging.lens import check_lens
 
 both = pytest.mark.parametrize("lens", LENSES, ids=LENS_NAMES)
 

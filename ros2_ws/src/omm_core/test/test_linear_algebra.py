@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from omm_core.linear_algebra import inverse, invert, solve_damped
+from omm_core.numerics.linear_algebra import inverse, invert, solve_damped
 
 
 @pytest.mark.parametrize("size", [1, 2, 7, 40])

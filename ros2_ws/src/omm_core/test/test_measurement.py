@@ -8,8 +8,8 @@ import pytest
 from core_cells import PAPER_CALIBRATION, bench_cell
 
 from omm_core.errors import InputError
-from omm_core.measurement import Measurement
-from omm_core.targets.families import TargetFamily, mirror_code
+from omm_core.session.measurement import Measurement
+from omm_core.targets.coded.families import TargetFamily, mirror_code
 
 MS = 1_000_000
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 from core_cells import BACKLASH_RAD, PAPER_CALIBRATION, bench_cell, observe, spindle_at_bench
 
-from omm_core.estimation import SolveOptions, solve
+from omm_core.files.part import Part, Target
 from omm_core.geometry import RigidTransform
-from omm_core.part import Part, Target
+from omm_core.part_pose import SolveOptions, solve
 
 SIGMA_PX = 0.05
 

@@ -7,7 +7,7 @@ import pytest
 
 from omm_core.errors import InputError
 from omm_core.geometry import RigidTransform
-from omm_core.pairing import PairingOptions, PoseTrack
+from omm_core.session.pairing import PairingOptions, PoseTrack
 
 MS = 1_000_000
 IMAGE = 1_000 * MS

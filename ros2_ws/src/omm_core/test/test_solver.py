@@ -7,14 +7,14 @@ import pytest
 from core_cells import BACKLASH_RAD, PAPER_CALIBRATION, bench_cell, random_cell
 from reference_model import predict
 
-from omm_core.calibration import CameraCalibration
 from omm_core.errors import InputError
-from omm_core.estimation import Observation, SolveOptions, build_problem, solve
-from omm_core.estimation.adjustment import adjust, refine
-from omm_core.estimation.start import Start
+from omm_core.files.part import Part, Target
 from omm_core.geometry import RigidTransform, rotation_from_euler_xyz_rad
-from omm_core.lens import BrownPhotogrammetric
-from omm_core.part import Part, Target
+from omm_core.imaging.calibration import CameraCalibration
+from omm_core.imaging.lens import BrownPhotogrammetric
+from omm_core.part_pose import Observation, SolveOptions, build_problem, solve
+from omm_core.part_pose.adjustment import adjust, refine
+from omm_core.part_pose.start import Start
 
 PLAIN = SolveOptions(find_errors=False)
 
@@ -171,7 +171,7 @@ def test_pyceres_finds_the_same_optimum():
 def test_circles_left_to_a_numeric_derivative_move_the_optimum_by_a_thousandth_of_sigma():
     from scipy.optimize import least_squares
 
-    from omm_core.estimation.adjustment import predictions
+    from omm_core.part_pose.adjustment import predictions
 
     random = np.random.default_rng(6)
     cell = bench_cell(random)

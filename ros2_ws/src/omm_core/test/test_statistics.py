@@ -7,9 +7,9 @@ import pytest
 from core_cells import bench_cell
 from scipy.stats import chi2, kstest, ncx2
 
-from omm_core.estimation import SolveOptions, build_problem, solve
-from omm_core.estimation.fit import fit
-from omm_core.estimation.statistics import POWER, chi2_limit, noncentrality
+from omm_core.part_pose import SolveOptions, build_problem, solve
+from omm_core.part_pose.fit import fit
+from omm_core.part_pose.statistics import POWER, chi2_limit, noncentrality
 
 SIGMA_PX = 0.05
 PLAIN = SolveOptions(find_errors=False)

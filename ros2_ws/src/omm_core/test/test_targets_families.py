@@ -4,8 +4,8 @@ import pytest
 
 from omm_core.errors import InputError
 from omm_core.targets import TargetFamily, family_names
-from omm_core.targets.choosing import propose_ids, separation
-from omm_core.targets.families import mirror_code, rotate_code
+from omm_core.targets.coded.choosing import propose_ids, separation
+from omm_core.targets.coded.families import mirror_code, rotate_code
 
 # Published by the makers: number of codes, and the first of the 12-bit families.
 COUNTS = {

@@ -6,7 +6,7 @@ import pytest
 
 from omm_core.errors import InputError
 from omm_core.targets import TargetFamily, detect_targets
-from omm_core.targets.printing import Sheet, parse_ids, ring_polygons, write_pdf
+from omm_core.targets.coded.printing import Sheet, parse_ids, ring_polygons, write_pdf
 
 pytest.importorskip("fpdf", reason="fpdf2 is not installed")
 DPI = 300.0

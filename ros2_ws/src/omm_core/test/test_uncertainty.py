@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from core_cells import PAPER_CALIBRATION, bench_cell
 
-from omm_core.estimation import SolveOptions, build_problem, solve
-from omm_core.estimation.adjustment import Adjustment, adjust, predictions, refine
-from omm_core.estimation.start import Start
-from omm_core.estimation.uncertainty import CALIBRATION, IMAGE, MACHINE, TARGETS, propagate
 from omm_core.geometry import RigidTransform
+from omm_core.part_pose import SolveOptions, build_problem, solve
+from omm_core.part_pose.adjustment import Adjustment, adjust, predictions, refine
+from omm_core.part_pose.start import Start
+from omm_core.part_pose.uncertainty import CALIBRATION, IMAGE, MACHINE, TARGETS, propagate
 
 SIGMA_PX = 0.02
 RUNS = int(os.environ.get("OMM_RUNS", "300"))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from core_cells import bench_cell, random_cell
 
-from omm_core.estimation import SolveOptions, solve
+from omm_core.part_pose import SolveOptions, solve
 
 SIGMA_PX = 0.05
 

@@ -16,9 +16,9 @@ from omm_interfaces.msg import (
 )
 from std_msgs.msg import Header
 
-from omm_core.calibration import CameraCalibration
 from omm_core.geometry import RigidTransform, holder_rotation, rotation_from_euler_xyz_rad
-from omm_core.result import MeasurementResult
+from omm_core.imaging.calibration import CameraCalibration
+from omm_core.session.result import MeasurementResult
 from omm_core.targets import Detection
 from omm_ros.conversions import MM_PER_M, pose_from_transform, time_from_ns, transform_message
 

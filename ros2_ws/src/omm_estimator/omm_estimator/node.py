@@ -1,6 +1,7 @@
 """The node ``estimator``: images and spindle poses in, pose of the part out.
 
-Wiring only: what becomes of images and poses is decided by `omm_core.measurement.Measurement`.
+Wiring only: what becomes of images and poses is decided by
+`omm_core.session.measurement.Measurement`.
 All of it is done on one thread, in the order of arrival; poses wait while targets are searched.
 """
 
@@ -19,11 +20,11 @@ from sensor_msgs.msg import Image
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
-from omm_core.calibration import load_calibration
 from omm_core.errors import InputError, OmmError
-from omm_core.measurement import Measurement
-from omm_core.part import Part, load_part
-from omm_core.result import MeasurementResult
+from omm_core.files.part import Part, load_part
+from omm_core.imaging.calibration import load_calibration
+from omm_core.session.measurement import Measurement
+from omm_core.session.result import MeasurementResult
 from omm_core.warm_up import warm_up_detection, warm_up_estimation
 from omm_estimator import conversions
 from omm_estimator.parameters import Parameters

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
-from omm_core.estimation import SolveOptions
-from omm_core.measurement import MeasurementOptions
-from omm_core.pairing import PairingOptions
+from omm_core.part_pose import SolveOptions
+from omm_core.session.measurement import MeasurementOptions
+from omm_core.session.pairing import PairingOptions
 from omm_core.targets import DetectionOptions
 from omm_ros.parameters import parameter
 

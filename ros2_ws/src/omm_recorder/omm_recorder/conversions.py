@@ -6,7 +6,7 @@ from typing import Any
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from omm_core.errors import InputError
-from omm_recorder.rosbag2_format import TopicQos
+from omm_recording.rosbag2_format import TopicQos
 
 
 def message_class(type_name: str) -> Any:

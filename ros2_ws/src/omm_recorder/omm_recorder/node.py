@@ -20,9 +20,9 @@ from omm_recorder.parameter_snapshot import ParameterSnapshot, as_table
 from omm_recorder.parameters import Parameters
 from omm_recorder.provenance import provenance
 from omm_recorder.recorder import STOPPED, Limits, Recorder
-from omm_recorder.rosbag2_format import TopicQos
 from omm_recorder.topics import KNOWN, adapted
-from omm_recorder.writing import RUN_NAME, RecordingOptions, RecordingWriter, TopicToRecord
+from omm_recording.rosbag2_format import TopicQos
+from omm_recording.writing import RUN_NAME, RecordingOptions, RecordingWriter, TopicToRecord
 from omm_ros.diagnostics import ERROR, OK, WARN, Diagnostics, Health
 from omm_ros.node_main import run_node
 from omm_ros.parameters import declare

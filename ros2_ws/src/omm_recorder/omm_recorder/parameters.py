@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from omm_recorder.mcap_writer import COMPRESSIONS
+from omm_recording.mcap_writer import COMPRESSIONS
 from omm_ros.parameters import parameter
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from omm_core.errors import OmmError
 from omm_recorder.counting import TopicTally
-from omm_recorder.writing import RecordingWriter, TopicToRecord
+from omm_recording.writing import RecordingWriter, TopicToRecord
 
 FLUSH_PERIOD_S = 0.25
 WRITING_NICENESS = 10

@@ -19,8 +19,8 @@ from omm_recorder import keyboard
 from omm_recorder.conversions import message_class, profile_from_qos
 from omm_recorder.keyboard import Keyboard
 from omm_recorder.playback import MAX_RATE, MIN_RATE, PlaybackClock
-from omm_recorder.reading import RecordedMessage, Recording
-from omm_recorder.rosbag2_format import TopicQos, parsed_qos
+from omm_recording.reading import RecordedMessage, Recording
+from omm_recording.rosbag2_format import TopicQos, parsed_qos
 from omm_ros.conversions import time_from_ns
 from omm_ros.parameters import declare, parameter
 

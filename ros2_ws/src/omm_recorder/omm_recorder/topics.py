@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from omm_recorder.rosbag2_format import TopicQos
+from omm_recording.rosbag2_format import TopicQos
 
 _IMAGE = TopicQos(depth=20)
 _STREAM = TopicQos(depth=1000)

@@ -23,16 +23,16 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from omm_bringup.isolation import own_domain
 from omm_recorder.conversions import message_class, profile_from_qos
 from omm_recorder.definitions import definition, type_hash
-from omm_recorder.inspecting import inspect
-from omm_recorder.reading import Recording
-from omm_recorder.recorded_estimator import options_from
-from omm_recorder.repairing import repair, repaired_name
-from omm_recorder.rosbag2_format import TopicQos
-from omm_recorder.run_files import UNFINISHED
-from omm_recorder.solving import solve_run
 from omm_recorder.topics import KNOWN
-from omm_recorder.verifying import verify
+from omm_recording.inspecting import inspect
+from omm_recording.reading import Recording
+from omm_recording.repairing import repair, repaired_name
+from omm_recording.rosbag2_format import TopicQos
+from omm_recording.run_files import UNFINISHED
+from omm_recording.verifying import verify
 from omm_ros import transport
+from omm_runs.recorded_estimator import options_from
+from omm_runs.solving import solve_run
 
 Process = "subprocess.Popen[str]"
 POSES = "/cnc/spindle_pose"

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from omm_recorder.counting import TopicTally
-from omm_recorder.inspecting import inspect
 from omm_recorder.recorder import Limits, Recorder
-from omm_recorder.writing import RecordingOptions, RecordingWriter
+from omm_recording.inspecting import inspect
+from omm_recording.writing import RecordingOptions, RecordingWriter
 
 
 def wait_until(condition: Callable[[], bool]) -> None:

@@ -15,13 +15,13 @@ import pytest
 from mcap.reader import make_reader
 
 from omm_core.errors import InputError, OmmError
-from omm_recorder.inspecting import inspect
-from omm_recorder.reading import Recording
 from omm_recorder.recorder import Limits, Recorder
-from omm_recorder.repairing import repair, repaired_name
-from omm_recorder.run_files import UNFINISHED
-from omm_recorder.verifying import verify
-from omm_recorder.writing import RecordingOptions, RecordingWriter
+from omm_recording.inspecting import inspect
+from omm_recording.reading import Recording
+from omm_recording.repairing import repair, repaired_name
+from omm_recording.run_files import UNFINISHED
+from omm_recording.verifying import verify
+from omm_recording.writing import RecordingOptions, RecordingWriter
 
 Keys = list[tuple[str, int, int, int, bytes]]
 
@@ -31,8 +31,8 @@ WRITE_FOREVER = textwrap.dedent(
     import itertools, sys, time
     from pathlib import Path
     from omm_recorder.recorder import Limits, Recorder
-    from omm_recorder.rosbag2_format import TopicQos
-    from omm_recorder.writing import RecordingOptions, RecordingWriter, TopicToRecord
+    from omm_recording.rosbag2_format import TopicQos
+    from omm_recording.writing import RecordingOptions, RecordingWriter, TopicToRecord
 
     options = RecordingOptions(compression=sys.argv[2])
     writer = RecordingWriter(Path(sys.argv[1]) / "run.mcap", options)

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.errors import InputError
+from omm_core.files.part import Part
 from omm_core.geometry import RigidTransform
-from omm_core.part import Part
 from omm_simulation.scenario import Scenario
 
 # What is drawn from one seed must not depend on what else is drawn from it.

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.errors import InputError
-from omm_core.lens import BrownPhotogrammetric, Lens, PlumbBob
+from omm_core.imaging.lens import BrownPhotogrammetric, Lens, PlumbBob
 
 Floats = NDArray[np.float64]
 LensNumbers: TypeAlias = Floats

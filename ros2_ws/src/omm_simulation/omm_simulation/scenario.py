@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from omm_core.calibration import CameraCalibration, load_calibration
 from omm_core.errors import InputError
-from omm_core.part import Part, load_part
-from omm_core.yaml_input import YamlSection, read_yaml
+from omm_core.files.part import Part, load_part
+from omm_core.files.yaml_input import YamlSection, read_yaml
+from omm_core.imaging.calibration import CameraCalibration, load_calibration
 
 Vector = tuple[float, float, float]
 _T = TypeVar("_T")

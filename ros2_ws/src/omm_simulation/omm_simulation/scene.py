@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from omm_core.files.part import Part
 from omm_core.geometry import RigidTransform
-from omm_core.part import Part
-from omm_core.targets.families import TargetFamily
+from omm_core.targets.coded.families import TargetFamily
 from omm_simulation.cell import Cell, random_stream
 from omm_simulation.metal import Metal, machined_plate
 

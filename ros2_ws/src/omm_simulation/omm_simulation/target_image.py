@@ -22,7 +22,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_core.targets.families import TargetFamily
+from omm_core.targets.coded.families import TargetFamily
 
 Floats = NDArray[np.float64]
 PlaneOfPixel = Callable[[Floats, Floats], tuple[Floats, Floats]]

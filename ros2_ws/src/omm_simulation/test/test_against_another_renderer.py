@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omm_core.calibration import load_calibration
+from omm_core.files.part import load_part
 from omm_core.geometry import RigidTransform
-from omm_core.part import load_part
+from omm_core.imaging.calibration import load_calibration
 from omm_simulation.camera import SimulatedCamera
 from omm_simulation.cell import draw
 from omm_simulation.rays import lens_numbers, plane_homography, see_plane

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from omm_core.geometry import RigidTransform, spindle_T_taper
-from omm_core.targets.families import smallest_rotation
+from omm_core.targets.coded.families import smallest_rotation
 from omm_simulation.camera import SimulatedCamera
 from omm_simulation.cell import draw
 from omm_simulation.rays import lens_numbers, see_plane

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import yaml
 
-from omm_core.calibration import load_calibration
 from omm_core.errors import InputError
-from omm_core.part import load_part
+from omm_core.files.part import load_part
+from omm_core.imaging.calibration import load_calibration
 from omm_simulation.cell import draw, write_estimator_files, write_truth
 from omm_simulation.scenario import load_scenario, scenario_folder, scenario_names
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from omm_core.calibration import load_calibration
-from omm_core.measurement import Measurement
-from omm_core.part import load_part
+from omm_core.files.part import load_part
+from omm_core.imaging.calibration import load_calibration
+from omm_core.session.measurement import Measurement
 from omm_simulation.cell import draw, write_estimator_files
 from omm_simulation.offline import ImageMessage, run
 from omm_simulation.scenario import load_scenario

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from omm_bringup.processes import RunningNode
-    from omm_core.result import MeasurementResult
+    from omm_core.session.result import MeasurementResult
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,10 +41,10 @@ def run(args: argparse.Namespace) -> int:
     from omm_bringup.cell import simulated_cell
     from omm_bringup.isolation import own_domain
     from omm_bringup.processes import running
-    from omm_bringup.report import save_run_picture
-    from omm_recorder.output import write_whole
-    from omm_recorder.solution_text import solution_lines
-    from omm_recorder.solving import SolveRunOptions, solve_run
+    from omm_core.files.output import write_whole
+    from omm_report.run_picture import save_run_picture
+    from omm_report.solution_text import solution_lines
+    from omm_runs.solving import SolveRunOptions, solve_run
     from omm_simulation.cell import draw, write_estimator_files, write_truth
     from omm_simulation.scenario import load_scenario
 
@@ -86,8 +86,8 @@ def _run_folder(chosen: Path | None, scenario: str, seed: int) -> Path:
 
 def _measure(nodes: "Sequence[RunningNode]", console: "Console") -> "PartEstimate":
     """Play the operator; returns the last live estimate."""
-    from omm_bringup.operator_node import measure_alone
     from omm_bringup.processes import check_alive
+    from omm_operator.node import measure_alone
 
     try:
         return measure_alone(console, lambda: check_alive(nodes))

@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
     from rich.progress import track
 
     from omm_core.targets import DetectionOptions, TargetFamily, detect_targets
-    from omm_core.targets.printing import parse_ids
+    from omm_core.targets.coded.printing import parse_ids
 
     family = TargetFamily.by_name(args.family)
     expected = frozenset(parse_ids(args.expect)) if args.expect else None

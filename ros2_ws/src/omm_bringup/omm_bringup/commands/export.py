@@ -20,8 +20,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Export; what is drawn is what was recorded, or else what solving finds."""
-    from omm_recorder.exporting import export
-    from omm_recorder.run_files import find_run
+    from omm_recording.run_files import find_run
+    from omm_runs.exporting import export
 
     folder = arguments.output or find_run(arguments.run).folder / "export"
     marks = None if arguments.plain else _marks(arguments.run)
@@ -39,13 +39,13 @@ def run(arguments: argparse.Namespace) -> int:
 def _marks(run: Path):  # type: ignore[no-untyped-def]
     """What to draw: nothing given where the recording itself tells it."""
     from omm_core.errors import InputError
-    from omm_recorder.exporting import ESTIMATE, OBSERVATIONS, Mark
-    from omm_recorder.reading import Recording
+    from omm_recording.reading import Recording
+    from omm_runs.exporting import ESTIMATE, OBSERVATIONS, Mark
 
     with Recording(run) as recording:
         if any((t := recording.topics.get(n)) and t.messages for n in (ESTIMATE, OBSERVATIONS)):
             return None
-    from omm_recorder.solving import solve_run
+    from omm_runs.solving import solve_run
 
     try:
         result = solve_run(run).result

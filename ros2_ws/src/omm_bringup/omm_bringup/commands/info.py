@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from omm_recorder.inspecting import RunSummary, TopicSummary
+    from omm_recording.inspecting import RunSummary, TopicSummary
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -18,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the summary."""
-    from omm_recorder.inspecting import inspect
+    from omm_recording.inspecting import inspect
 
     summary = inspect(arguments.run)
     if arguments.json is not None:
@@ -30,7 +30,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _write_json(summary: "RunSummary", out: Path) -> None:
     from dataclasses import asdict
 
-    from omm_recorder.output import write_whole
+    from omm_core.files.output import write_whole
 
     write_whole(out, json.dumps(asdict(summary), indent=1, default=str) + "\n")
 

@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Repair and tell what was found."""
     from omm_core.errors import InputError
-    from omm_recorder.repairing import repair, repaired_name
+    from omm_recording.repairing import repair, repaired_name
 
     source: Path = arguments.recording
     if source.is_dir():
@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _unfinished_in(folder: Path) -> Path:
     from omm_core.errors import InputError
-    from omm_recorder.run_files import UNFINISHED
+    from omm_recording.run_files import UNFINISHED
 
     found = sorted(folder.glob(f"*{UNFINISHED}"))
     if len(found) != 1:

@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     errors = {name: np.array(thetas) - np.array(truth) for name, thetas in solved.items()}
     _print_table(errors, np.array(truth), args)
     if args.json:
-        from omm_recorder.output import write_whole
+        from omm_core.files.output import write_whole
 
         content = {"truth": truth, **{k: np.array(v).tolist() for k, v in solved.items()}}
         write_whole(args.json, json.dumps(content, indent=1) + "\n")
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _with_images(cell):  # type: ignore[no-untyped-def]
     """Return θ of both models from rendered images, as the nodes would come to it."""
-    from omm_core.measurement import Measurement
+    from omm_core.session.measurement import Measurement
     from omm_simulation.offline import PoseMessage
     from omm_simulation.offline import run as run_cell
 
@@ -81,9 +81,9 @@ def _fast(cell, clamping: int, args: argparse.Namespace):  # type: ignore[no-unt
 
     import numpy as np
 
-    from omm_core.estimation import Observation, build_problem
-    from omm_core.estimation.adjustment import Adjustment, predictions
     from omm_core.geometry import RigidTransform
+    from omm_core.part_pose import Observation, build_problem
+    from omm_core.part_pose.adjustment import Adjustment, predictions
 
     rotation = RigidTransform.from_euler_xyz_rad(
         *cell.scenario.machine.spindle_euler_xyz_rad
@@ -122,7 +122,7 @@ def _fast(cell, clamping: int, args: argparse.Namespace):  # type: ignore[no-unt
 def _both(observations, cell):  # type: ignore[no-untyped-def]
     """Return θ of 6D (γ_s taken as 0, as in the paper's table 2) and of 7D."""
     from omm_core.errors import MeasurementError
-    from omm_core.estimation import SolveOptions, solve
+    from omm_core.part_pose import SolveOptions, solve
 
     thetas = []
     for model in ("6d", "7d"):

@@ -52,13 +52,13 @@ def run(arguments: argparse.Namespace) -> int:
     options = _options(arguments)
     if len(arguments.runs) > 1 or arguments.csv is not None:
         return _many(arguments, options)
-    from omm_recorder.solving import solve_run
+    from omm_runs.solving import solve_run
 
     return _print(solve_run(arguments.runs[0], options), arguments.json)
 
 
 def _options(arguments: argparse.Namespace):  # type: ignore[no-untyped-def]
-    from omm_recorder.solving import SolveRunOptions
+    from omm_runs.solving import SolveRunOptions
 
     given = {
         "model": arguments.model,
@@ -77,8 +77,8 @@ def _options(arguments: argparse.Namespace):  # type: ignore[no-untyped-def]
 
 def _print(solved, out: Path | None) -> int:  # type: ignore[no-untyped-def]
     from omm_core.errors import MeasurementError
-    from omm_recorder.output import write_whole
-    from omm_recorder.solution_text import solution_lines
+    from omm_core.files.output import write_whole
+    from omm_report.solution_text import solution_lines
 
     for notice in solved.notices:
         print(f"omm: {notice}", file=sys.stderr)
@@ -102,7 +102,7 @@ def _why_not(solved) -> str:  # type: ignore[no-untyped-def]
 
 def _many(arguments: argparse.Namespace, options) -> int:  # type: ignore[no-untyped-def]
     from omm_core.errors import InputError
-    from omm_recorder.solving_many import solve_many
+    from omm_runs.solving_many import solve_many
 
     if arguments.json is not None:
         raise InputError("--json is for one run; the table of many goes to --csv OUT.")

@@ -26,8 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Write the PDF and say how far apart its numbers are."""
     from omm_core.targets import TargetFamily
-    from omm_core.targets.choosing import propose_ids, separation
-    from omm_core.targets.printing import Sheet, parse_ids, write_pdf
+    from omm_core.targets.coded.choosing import propose_ids, separation
+    from omm_core.targets.coded.printing import Sheet, parse_ids, write_pdf
 
     family = TargetFamily.by_name(args.family)
     if args.count is not None:

@@ -17,9 +17,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the verdict; status 1 where the recording was changed."""
-    from omm_recorder.run_files import find_run
-    from omm_recorder.seal import public_key
-    from omm_recorder.verifying import verify
+    from omm_recording.run_files import find_run
+    from omm_recording.seal import public_key
+    from omm_recording.verifying import verify
 
     trusted = None if arguments.key is None else public_key(arguments.key)
     status = 0

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_core.targets.detection import DetectedTarget, Detection
+from omm_core.targets.coded.detection import DetectedTarget, Detection
 
 GREEN, RED, YELLOW = (60, 200, 60), (60, 60, 255), (0, 220, 255)
 _SHIFT = 4

@@ -1,0 +1,1 @@
+"""One folder a kind of camera, behind the small interface of `driver`."""

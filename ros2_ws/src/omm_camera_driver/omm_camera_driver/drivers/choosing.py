@@ -1,0 +1,52 @@
+"""Which driver a node's parameters ask for. A new kind of camera is one more function here."""
+
+from collections.abc import Callable
+
+from omm_camera_driver.driver import CameraDriver
+from omm_camera_driver.drivers.simulated.true_poses import TruePoses
+from omm_camera_driver.parameters import Parameters
+
+MakeDriver = Callable[[], CameraDriver]
+
+
+def gige(parameters: Parameters, poses: TruePoses) -> MakeDriver:
+    """GigE Vision through Aravis."""
+    from omm_camera_driver.drivers.gige.driver import GigeDriver, GigeOptions
+
+    options = GigeOptions(
+        device=parameters.device,
+        packet_size_bytes=parameters.packet_size_bytes,
+        socket_buffer_bytes=parameters.socket_buffer_bytes,
+        packet_resend=parameters.packet_resend,
+        ptp=parameters.ptp,
+    )
+    return lambda: GigeDriver(options)
+
+
+def v4l2(parameters: Parameters, poses: TruePoses) -> MakeDriver:
+    """Video4Linux: USB cameras and others with a /dev/video node."""
+    from omm_camera_driver.drivers.v4l2.driver import V4l2Driver
+
+    device, readout_ms = parameters.device, parameters.readout_ms
+    return lambda: V4l2Driver(device, readout_ns=round(readout_ms * 1e6))
+
+
+def simulated(parameters: Parameters, poses: TruePoses) -> MakeDriver:
+    """The simulated cell's camera."""
+    from omm_camera_driver.drivers.simulated.cell_view import cell_view
+    from omm_camera_driver.drivers.simulated.driver import SimulatedDriver
+
+    view = cell_view(
+        parameters.scenario,
+        parameters.seed,
+        clamping_seed=parameters.clamping_seed,
+        bumped_id=parameters.bumped_id,
+    )
+    return lambda: SimulatedDriver(view, poses)
+
+
+DRIVERS: dict[str, Callable[[Parameters, TruePoses], MakeDriver]] = {
+    "gige": gige,
+    "v4l2": v4l2,
+    "simulated": simulated,
+}

@@ -1,0 +1,1 @@
+"""One folder a kind of control, behind the small protocol of `control`."""

@@ -1,0 +1,114 @@
+"""Makes the control and the machine that the parameters ask for."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from omm_cnc_bridge.control import Control
+from omm_cnc_bridge.machine.kinematics import Machine
+from omm_cnc_bridge.parameters import Parameters
+from omm_core.errors import InputError
+
+if TYPE_CHECKING:
+    from omm_simulation.cell import Cell
+
+
+def make_control(p: Parameters) -> tuple[Control, Machine]:
+    """Raises InputError where the parameters do not fit together. Connects to nothing yet."""
+    if p.control == "simulated":
+        return _simulated(p)
+    if p.control == "linuxcnc" and p.linuxcnc_cell:
+        return _linuxcnc_cell(p)
+    if not p.machine_file:
+        raise InputError(
+            f"Expected the parameter machine_file with control {p.control}, got none: give the "
+            "machine's URDF; omm_cnc_bridge's folder machines has examples."
+        )
+    if p.control == "linuxcnc":
+        return _linuxcnc(p), Machine.load(p.machine_file)
+    if p.control == "opcua":
+        return _opcua(p), Machine.load(p.machine_file)
+    if p.control == "mtconnect":
+        return _mtconnect(p), Machine.load(p.machine_file)
+    raise InputError(f"Expected a known control, got {p.control}.")
+
+
+def _linuxcnc(p: Parameters) -> Control:
+    from omm_cnc_bridge.controls.linuxcnc.control import LinuxCncControl
+
+    return LinuxCncControl(
+        rate_hz=p.rate_hz,
+        reader=p.linuxcnc_reader,
+        joint_names=p.linuxcnc_joints,
+        program_file=p.program_file,
+        poll=p.linuxcnc_poll,
+    )
+
+
+def _opcua(p: Parameters) -> Control:
+    try:
+        from omm_cnc_bridge.controls.opcua.control import OpcUaControl, Security
+    except ImportError as error:
+        raise InputError(f"Expected asyncua for OPC UA: pip install asyncua ({error}).") from error
+    security = Security(
+        user=p.opcua_user,
+        password_file=p.opcua_password_file,
+        certificate_file=p.opcua_certificate_file,
+        private_key_file=p.opcua_private_key_file,
+        server_certificate_file=p.opcua_server_certificate_file,
+    )
+    return OpcUaControl(
+        p.opcua_url, rate_hz=p.rate_hz, mapping_file=p.opcua_mapping_file, security=security
+    )
+
+
+def _mtconnect(p: Parameters) -> Control:
+    from omm_cnc_bridge.controls.mtconnect.control import MtConnectControl
+
+    return MtConnectControl(p.mtconnect_url, rate_hz=p.rate_hz, device=p.mtconnect_device)
+
+
+def _linuxcnc_cell(p: Parameters) -> tuple[Control, Machine]:
+    """A real LinuxCNC with simulated drives, which runs the scenario's stops."""
+    from omm_cnc_bridge.controls.linuxcnc.cell import DemoLinuxCnc
+    from omm_cnc_bridge.controls.simulated.control import machine_of
+    from omm_cnc_bridge.gcode import ProgramOptions, Stop, measuring_program
+
+    cell = _draw(p)
+    machine = machine_of(cell.scenario)
+    program = cell.scenario.program
+    text = measuring_program(
+        [
+            Stop(target_id=stop.target_id, spindle_in_machine_mm=stop.spindle_in_machine_mm)
+            for stop in cell.stops
+        ],
+        machine.machine_T_spindle({"X": 0.0, "Y": 0.0, "Z": 0.0}).rotation,
+        ProgramOptions(
+            retract_mm=program.retract_mm, dwell_s=program.dwell_s, feed_mm_per_min=30000.0
+        ),
+        title=cell.scenario.name,
+    )
+    return DemoLinuxCnc(p.linuxcnc_cell, text, machine, rate_hz=p.rate_hz), machine
+
+
+def _simulated(p: Parameters) -> tuple[Control, Machine]:
+    from omm_cnc_bridge.controls.simulated.control import SimulatedCellControl, machine_of
+
+    cell = _draw(p)
+    control = SimulatedCellControl(
+        cell, rate_hz=p.rate_hz, speed_factor=p.speed_factor, repetitions=p.repetitions
+    )
+    own = machine_of(cell.scenario)
+    return control, Machine.load(p.machine_file) if p.machine_file else own
+
+
+def _draw(p: Parameters) -> Cell:
+    from omm_simulation.cell import draw
+    from omm_simulation.scenario import load_scenario
+
+    return draw(
+        load_scenario(p.scenario),
+        p.seed,
+        clamping_seed=None if p.clamping_seed < 0 else p.clamping_seed,
+        bumped_id=None if p.bumped_id < 0 else p.bumped_id,
+    )

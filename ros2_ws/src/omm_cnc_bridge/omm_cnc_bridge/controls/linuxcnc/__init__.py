@@ -1,0 +1,1 @@
+"""LinuxCNC, read by a disposable child."""

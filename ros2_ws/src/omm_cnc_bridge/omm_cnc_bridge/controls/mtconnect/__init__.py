@@ -1,0 +1,1 @@
+"""Controls that are heard through an MTConnect agent."""

@@ -1,0 +1,282 @@
+"""Controls that are heard through an MTConnect agent (1.3 to 2.x). It can only be listened to.
+
+An agent reports what changes. While nothing does it sends empty documents (heartbeats); the axes
+have then stood still, which is known to one interval only, and the sample's uncertainty says so.
+Whether the control behind the agent is still there, the agent tells by UNAVAILABLE.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import http.client
+import math
+import queue
+import socket
+import threading
+import time
+from collections.abc import Sequence
+from urllib.parse import quote, urlsplit
+
+from omm_cnc_bridge.clock import ControlClock, ros_from_monotonic_ns
+from omm_cnc_bridge.control import ControlSample, Mode, ProgramState
+from omm_cnc_bridge.controls.mtconnect.model import (
+    Document,
+    Item,
+    Observation,
+    read_device,
+    read_document,
+)
+from omm_core.errors import DeviceError
+
+HEARTBEAT_MS = 20
+COUNT = 1000
+SILENCE_S = 5.0
+UNAVAILABLE = "UNAVAILABLE"
+_MODES = {
+    "AUTOMATIC": Mode.AUTOMATIC,
+    "MANUAL": Mode.MANUAL,
+    "MANUAL_DATA_INPUT": Mode.MDI,
+    "SEMI_AUTOMATIC": Mode.AUTOMATIC,
+}
+_PROGRAM_STATES = {
+    "ACTIVE": ProgramState.RUNNING,
+    "READY": ProgramState.STOPPED,
+    "STOPPED": ProgramState.STOPPED,
+    "INTERRUPTED": ProgramState.INTERRUPTED,
+    "FEED_HOLD": ProgramState.INTERRUPTED,
+    "OPTIONAL_STOP": ProgramState.INTERRUPTED,
+    "PROGRAM_STOPPED": ProgramState.INTERRUPTED,
+    "WAIT": ProgramState.WAITING,
+    "PROGRAM_COMPLETED": ProgramState.FINISHED,
+}
+
+
+class MtConnectControl:
+    """The agent at ``url``; ``device`` is needed where it has several."""
+
+    name = "mtconnect"
+
+    def __init__(self, url: str, *, rate_hz: float, device: str = "") -> None:
+        self.clock = ControlClock()
+        self.overruns = 0
+        """How often the agent's buffer ran over before we had read it."""
+        self._url, self._device = urlsplit(url), device
+        self._interval_ms = max(1, round(1e3 / rate_hz))
+        self._connection: http.client.HTTPConnection | None = None
+        self._parts: MultipartReader | None = None
+        self._items: dict[str, Item] = {}
+        self._texts: dict[str, str] = {}
+        self._instance = ""
+        self._next = 0
+
+    def connect(self) -> None:
+        self.close()
+        self.clock = ControlClock()
+        try:
+            self._items = read_device(self._get("/probe"), self._device)
+            self._resynchronise()
+        except (OSError, http.client.HTTPException) as error:
+            raise DeviceError(f"MTConnect agent {self._url.geturl()}: {error}.") from error
+
+    def read(self, timeout_s: float) -> Sequence[ControlSample]:
+        if self._parts is None:
+            raise DeviceError("MTConnect: not connected.")
+        parts = self._parts.read(timeout_s)
+        samples: list[ControlSample] = []
+        for received_ns, part in parts:
+            samples += self._take(read_document(part), received_ns)
+        return samples
+
+    def acknowledge(self, request: int) -> None:
+        raise DeviceError(f"MTConnect cannot answer (image {request}): agents only tell.")
+
+    def close(self) -> None:
+        self._parts = None
+        connection, self._connection = self._connection, None
+        if connection is not None:
+            if connection.sock is not None:
+                with contextlib.suppress(OSError):  # the agent may have closed it already
+                    connection.sock.shutdown(socket.SHUT_RDWR)  # ends the reading thread
+            connection.close()
+
+    # --- the agent -----------------------------------------------------------------------------
+
+    def _open(self, path: str) -> tuple[http.client.HTTPConnection, http.client.HTTPResponse]:
+        host, port = self._url.hostname or "127.0.0.1", self._url.port
+        secure = self._url.scheme == "https"
+        kind = http.client.HTTPSConnection if secure else http.client.HTTPConnection
+        connection = kind(host, port, timeout=SILENCE_S)
+        device = f"/{quote(self._device)}" if self._device else ""
+        connection.request("GET", self._url.path.rstrip("/") + device + path)
+        return connection, connection.getresponse()
+
+    def _get(self, path: str) -> bytes:
+        connection, response = self._open(path)
+        with contextlib.closing(connection), response:
+            return response.read()
+
+    def _resynchronise(self) -> None:
+        """Take the present values, then everything that comes after them."""
+        current = read_document(self._get("/current"))
+        self._instance, self._next = current.instance_id, current.next_sequence
+        self._texts = {o.item_id: o.text for o in current.observations}
+        query = f"interval={self._interval_ms}&heartbeat={HEARTBEAT_MS}&count={COUNT}"
+        self._connection, response = self._open(f"/sample?from={self._next}&{query}")
+        self._parts = MultipartReader(response)
+
+    # --- samples -------------------------------------------------------------------------------
+
+    def _take(self, document: Document, received_ns: int) -> list[ControlSample]:
+        if document.instance_id != self._instance:
+            raise DeviceError("MTConnect: the agent was started anew.")
+        if document.first_sequence > self._next:
+            self.overruns += 1
+            raise DeviceError("MTConnect: the agent's buffer ran over; what it held is lost.")
+        news = [o for o in document.observations if o.sequence >= self._next]
+        self._next = max(self._next, document.next_sequence)
+        if not news:
+            return self._at_rest(received_ns)
+        samples = []
+        for i, observation in enumerate(news):
+            self._texts[observation.item_id] = observation.text
+            last_of_stamp = i + 1 == len(news) or news[i + 1].stamp_ns > observation.stamp_ns
+            if last_of_stamp and self._is_position(news, observation.stamp_ns):
+                ours_ns, sigma_ns = self.clock.observe(observation.stamp_ns, received_ns)
+                samples.append(self._sample(ours_ns, sigma_ns))
+        return samples
+
+    def _is_position(self, news: list[Observation], stamp_ns: int) -> bool:
+        roles = {
+            self._items[o.item_id].role
+            for o in news
+            if o.stamp_ns == stamp_ns and o.item_id in self._items
+        }
+        return bool(roles & {"measured", "path"})
+
+    def _at_rest(self, received_ns: int) -> list[ControlSample]:
+        """A heartbeat: nothing changed until it was sent, at most one interval ago."""
+        half_ns = 0.5e6 * HEARTBEAT_MS
+        return [self._sample(received_ns - round(half_ns), round(half_ns / math.sqrt(3.0)))]
+
+    def _sample(self, ours_ns: int, uncertainty_ns: int) -> ControlSample:
+        positions = self._values("measured") or self._path()
+        return ControlSample(
+            stamp_ns=ros_from_monotonic_ns(ours_ns),
+            stamp_uncertainty_ns=uncertainty_ns,
+            positions=positions,
+            commanded=self._values("commanded"),
+            in_position=self._in_position(),
+            fault=self._fault(),
+            mode=_MODES.get(self._event("mode"), Mode.UNKNOWN),
+            program_state=_PROGRAM_STATES.get(self._event("execution"), ProgramState.UNKNOWN),
+            program=self._event("program"),
+            program_line=int(line) if (line := self._event("line")).isdigit() else -1,
+        )
+
+    def _texts_of(self, role: str) -> list[tuple[Item, str]]:
+        return [
+            (item, self._texts.get(item_id, UNAVAILABLE))
+            for item_id, item in self._items.items()
+            if item.role == role
+        ]
+
+    def _values(self, role: str) -> dict[str, float]:
+        return {
+            item.axis: float(text) * item.scale
+            for item, text in self._texts_of(role)
+            if text != UNAVAILABLE
+        }
+
+    def _path(self) -> dict[str, float]:
+        """The tool point, of a control that tells no axes (parameter reported: tool_point)."""
+        for item, text in self._texts_of("path"):
+            if text != UNAVAILABLE:
+                values = (float(word) * item.scale for word in text.split())
+                return dict(zip("XYZ", values)) | self._values("measured")
+        return {}
+
+    def _event(self, role: str) -> str:
+        return next((text for _, text in self._texts_of(role) if text != UNAVAILABLE), "")
+
+    def _in_position(self) -> bool | None:
+        states = [text for _, text in self._texts_of("axis_state") if text != UNAVAILABLE]
+        return all(state != "TRAVEL" for state in states) if states else None
+
+    def _fault(self) -> str | None:
+        if any(text == UNAVAILABLE for _, text in self._texts_of("availability")):
+            return "the agent does not hear the control (UNAVAILABLE)"
+        lost = [item.axis for item, text in self._texts_of("measured") if text == UNAVAILABLE]
+        return f"{', '.join(lost)}: UNAVAILABLE" if lost else None
+
+
+class MultipartReader:
+    """Parts of a ``multipart/x-mixed-replace`` (to 1.x) or ``multipart/mixed`` (2.x) answer.
+
+    A thread reads them: an HTTP answer in chunks cannot be read on after a time-out.
+    """
+
+    def __init__(self, response: http.client.HTTPResponse) -> None:
+        kind = response.headers.get_content_type()
+        boundary = response.headers.get_param("boundary")
+        if not kind.startswith("multipart/") or not isinstance(boundary, str):
+            raise DeviceError(f"MTConnect: expected a multipart stream, got {kind}.")
+        self._response = response
+        self._boundary = b"--" + boundary.removeprefix("--").encode()
+        self._data = b""
+        self._parts: queue.Queue[tuple[int, bytes] | DeviceError] = queue.Queue()
+        threading.Thread(target=self._run, name="mtconnect", daemon=True).start()
+
+    def read(self, timeout_s: float) -> list[tuple[int, bytes]]:
+        """When (monotonic clock, ns) and what came; waits for the first part."""
+        parts: list[tuple[int, bytes]] = []
+        try:
+            item = self._parts.get(timeout=timeout_s)
+            while True:
+                if isinstance(item, DeviceError):
+                    if parts:
+                        self._parts.put(item)
+                        return parts
+                    raise item
+                parts.append(item)
+                item = self._parts.get_nowait()
+        except queue.Empty:
+            return parts
+
+    def _run(self) -> None:
+        """Until the stream ends, or the connection is closed under it."""
+        try:
+            while data := self._response.read1(1 << 16):
+                received_ns = time.monotonic_ns()
+                self._data += data
+                for part in self._whole_parts():
+                    self._parts.put((received_ns, part))
+            self._parts.put(DeviceError("MTConnect: the agent ended the stream."))
+        except DeviceError as error:
+            self._parts.put(error)
+        except TimeoutError:
+            self._parts.put(DeviceError(f"MTConnect: the agent is silent for {SILENCE_S:g} s."))
+        except (OSError, http.client.HTTPException, ValueError, AttributeError) as error:
+            self._parts.put(DeviceError(f"MTConnect: the stream broke ({error})."))
+        finally:
+            self._response.close()
+
+    def _whole_parts(self) -> list[bytes]:
+        parts = []
+        while (start := self._data.find(self._boundary)) >= 0:
+            head_end = self._data.find(b"\r\n\r\n", start)
+            if head_end < 0:
+                break
+            end = head_end + 4 + _content_length(self._data[start:head_end])
+            if len(self._data) < end:
+                break
+            parts.append(self._data[head_end + 4 : end])
+            self._data = self._data[end:]
+        return parts
+
+
+def _content_length(head: bytes) -> int:
+    for line in head.split(b"\r\n"):
+        name, _, value = line.partition(b":")
+        if name.strip().lower() == b"content-length":
+            return int(value)
+    raise DeviceError("MTConnect: expected the length of a part, its head has none.")

@@ -1,0 +1,1 @@
+"""Controls that speak OPC UA."""

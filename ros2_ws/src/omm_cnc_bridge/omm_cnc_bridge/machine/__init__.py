@@ -1,0 +1,1 @@
+"""The machine: its description, its kinematics, checked and drawn."""

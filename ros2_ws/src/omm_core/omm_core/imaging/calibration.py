@@ -1,0 +1,196 @@
+"""A calibrated camera: lens, sensor, where it sits in the tool holder, and how well known.
+
+``load_calibration`` reads ``camera.yaml`` (contract.md, "Files"). The calibration is seen as one
+vector of named parameters, so that its covariance can be propagated (docs/statistics.md).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from omm_core.errors import InputError
+from omm_core.files.yaml_input import YamlSection, read_yaml
+from omm_core.geometry import RigidTransform
+from omm_core.imaging.lens import BrownPhotogrammetric, Lens, PlumbBob, check_lens
+
+Array = NDArray[np.float64]
+
+_INTRINSICS: dict[type, tuple[str, ...]] = {
+    BrownPhotogrammetric: (
+        "focal_length_mm", "cl0_px", "rw0_px", "k1_px2", "k2_px4", "p1_px", "p2_px",
+    ),
+    PlumbBob: ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3"),
+}  # fmt: skip
+_EXTRINSICS = ("x_mm", "y_mm", "z_mm", "alpha_rad", "beta_rad", "gamma_rad")
+# Other ways in which calibration files name the same parameters.
+_ALIASES = {
+    "principal_point_offset_px[0]": "cl0_px",
+    "principal_point_offset_px[1]": "rw0_px",
+    "principal_point_offset_px_0": "cl0_px",
+    "principal_point_offset_px_1": "rw0_px",
+    **{f"translation_mm[{i}]": _EXTRINSICS[i] for i in range(3)},
+    **{f"translation_mm_{i}": _EXTRINSICS[i] for i in range(3)},
+    **{f"euler_xyz_rad[{i}]": _EXTRINSICS[3 + i] for i in range(3)},
+    **{f"euler_xyz_rad_{i}": _EXTRINSICS[3 + i] for i in range(3)},
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CameraCalibration:
+    """What is known about a camera in its tool holder.
+
+    Attributes
+    ----------
+    name : str
+        The camera, for people.
+    lens : Lens
+        :class:`BrownPhotogrammetric` or :class:`PlumbBob`.
+    taper_T_camera : RigidTransform
+        (R_calib, d_calib) of eq. 21.
+    pixel_size_mm : float or None
+        Where the file tells it.
+    parameters : tuple of str
+        Which parameters ``covariance`` is about, in its order; a subset of
+        :meth:`parameter_names`. Empty: the calibration is taken as exact.
+    covariance : (P, P) array
+        Of those parameters, in the units of their names.
+    """
+
+    name: str
+    lens: Lens
+    taper_T_camera: RigidTransform
+    pixel_size_mm: float | None = None
+    parameters: tuple[str, ...] = ()
+    covariance: Array
+
+    @property
+    def width_px(self) -> int:
+        """Width of the sensor."""
+        return self.lens.width_px
+
+    @property
+    def height_px(self) -> int:
+        """Height of the sensor."""
+        return self.lens.height_px
+
+    def check_image_shape(self, shape: tuple[int, ...]) -> None:
+        """Raise InputError where an image (H, W) is not of this calibration's sensor."""
+        if tuple(shape) != (self.height_px, self.width_px):
+            got = " x ".join(str(n) for n in reversed(shape))
+            raise InputError(
+                f"Expected images of {self.width_px} x {self.height_px} pixels, for which"
+                f" '{self.name}' is calibrated, got {got}. Use the calibration of this camera, and"
+                " no region of interest or binning."
+            )
+
+    def parameter_names(self) -> tuple[str, ...]:
+        """Return the names of all parameters: those of the lens, then x, y, z, Euler angles."""
+        return _INTRINSICS[type(self.lens)] + _EXTRINSICS
+
+    def parameter_values(self, names: tuple[str, ...]) -> Array:
+        """Return the values of parameters by name."""
+        pose = dict(zip(_EXTRINSICS, self._pose_vector(), strict=True))
+        return np.array([pose[n] if n in pose else getattr(self.lens, n) for n in names])
+
+    def with_parameters(self, names: tuple[str, ...], values: ArrayLike) -> CameraCalibration:
+        """Return the same calibration with other values for some parameters."""
+        given = dict(zip(names, (float(v) for v in np.asarray(values)), strict=True))
+        old = dict(zip(_EXTRINSICS, self._pose_vector(), strict=True))
+        x, y, z, alpha, beta, gamma = (given.pop(name, old[name]) for name in _EXTRINSICS)
+        pose = RigidTransform.from_euler_xyz_rad(alpha, beta, gamma, (x, y, z))
+        lens = replace(self.lens, **given)  # type: ignore[arg-type]
+        return replace(self, lens=lens, taper_T_camera=pose)
+
+    def _pose_vector(self) -> list[float]:
+        return [*self.taper_T_camera.translation_mm, *self.taper_T_camera.euler_xyz_rad()]
+
+
+def load_calibration(path: str | Path) -> CameraCalibration:
+    """Read ``camera.yaml``.
+
+    Raises
+    ------
+    InputError
+        Where the file is missing, malformed, names an unknown model, or its lens cannot be.
+    """
+    root = read_yaml(path, "calibration file")
+    camera = root.section("camera")
+    lens = _lens(root, camera)
+    try:
+        check_lens(lens)
+    except InputError as error:
+        raise InputError(f"{root.where}: intrinsics: {error}") from None
+    taper = root.section("taper_to_camera")
+    alpha, beta, gamma = taper.numbers("euler_xyz_rad", 3)
+    translation_mm = taper.numbers("translation_mm", 3)
+    pose = RigidTransform.from_euler_xyz_rad(alpha, beta, gamma, translation_mm)
+    calibration = CameraCalibration(
+        name=camera.text("name"),
+        lens=lens,
+        taper_T_camera=pose,
+        pixel_size_mm=camera.number("pixel_size_mm", above=0.0)
+        if "pixel_size_mm" in camera
+        else None,
+        covariance=np.zeros((0, 0)),
+    )
+    if "covariance" not in root:
+        return calibration
+    parameters, covariance = _covariance(root, calibration.parameter_names())
+    return replace(calibration, parameters=parameters, covariance=covariance)
+
+
+def _lens(root: YamlSection, camera: YamlSection) -> Lens:
+    size = {name: camera.integer(name, minimum=1) for name in ("width_px", "height_px")}
+    model, values = root.text("model"), root.section("intrinsics")
+    if model == "brown_photogrammetric":
+        offset = values.numbers("principal_point_offset_px", 2)
+        coefficients = ("k1_px2", "k2_px4", "p1_px", "p2_px")
+        return BrownPhotogrammetric(
+            **size,
+            pixel_size_mm=camera.number("pixel_size_mm", above=0.0),
+            focal_length_mm=values.number("focal_length_mm", above=0.0),
+            cl0_px=float(offset[0]),
+            rw0_px=float(offset[1]),
+            **{name: values.number(name) for name in coefficients},  # type: ignore[arg-type]
+        )
+    if model == "plumb_bob":
+        named = {name: values.number(name) for name in _INTRINSICS[PlumbBob][:-1]}
+        k3 = values.number("k3") if "k3" in values else 0.0
+        return PlumbBob(**size, **named, k3=k3)  # type: ignore[arg-type]
+    raise InputError(
+        f"{root.where}: expected the model 'brown_photogrammetric' or 'plumb_bob', got '{model}'."
+    )
+
+
+def _covariance(root: YamlSection, known: tuple[str, ...]) -> tuple[tuple[str, ...], Array]:
+    """Read ``covariance: {parameters: [...], matrix: [[...]]}`` or the two side by side."""
+    nested = isinstance(root.get("covariance"), dict)
+    section = root.section("covariance") if nested else root
+    names = section.get("parameters")
+    rows = section.get("matrix") if nested else section.get("covariance")
+    if not isinstance(names, list) or not isinstance(rows, list) or len(rows) != len(names):
+        raise InputError(
+            f"{section.where}: expected a covariance with one row for each of its 'parameters'."
+        )
+    parameters = tuple(_ALIASES.get(str(name), str(name)) for name in names)
+    unknown = [name for name in parameters if name not in known]
+    if unknown or len(set(parameters)) != len(parameters):
+        raise InputError(
+            f"{section.where}: expected each of 'parameters' once, out of {', '.join(known)};"
+            f" got {', '.join(str(name) for name in names)}."
+        )
+    where = YamlSection({f"row {i}": row for i, row in enumerate(rows)}, section.where)
+    matrix = np.array([where.numbers(f"row {i}", len(names)) for i in range(len(names))])
+    sigma = np.sqrt(np.abs(np.diag(matrix)))
+    scale = np.outer(sigma, sigma)
+    if np.any(np.abs(matrix - matrix.T) > 1e-6 * scale) or (
+        np.linalg.eigvalsh(matrix / np.where(scale > 0, scale, 1.0)).min() < -1e-6
+    ):
+        raise InputError(
+            f"{section.where}: expected a covariance matrix (symmetric, no negative variance)."
+        )
+    return parameters, (matrix + matrix.T) / 2

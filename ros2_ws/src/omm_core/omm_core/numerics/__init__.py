@@ -1,0 +1,1 @@
+"""Small numerical tools that every room of the core shares."""

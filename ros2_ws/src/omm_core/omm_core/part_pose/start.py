@@ -1,0 +1,270 @@
+"""Where to start from, when nothing is known: no pose of the part, no angle of the holder.
+
+Each observation is a ray in the machine, from the camera's centre o along the unit vector v. For
+a given γ_s a part pose should bring each target X onto its ray::
+
+    e = (I - v vᵀ) (R X + d - o)
+
+d follows from R by linear least squares; what remains is a quadratic function of the nine
+elements of R alone, however many observations there are (as in the "generalised camera"
+literature: Kneip, Li, Seo 2014, UPnP; Terzakis, Lourakis 2020, SQPnP). Its minima over all
+rotations are found from 24 starts, those of the cube, for γ_s on a circle of angles. They are few;
+the two of a plane of targets seen from afar are among them. Which one is right is decided by
+the pixels afterwards (solver.py).
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from omm_core.numerics.linear_algebra import copy_to, solve_damped
+from omm_core.part_pose.kernels import rotate, set_camera
+
+Array = NDArray[np.float64]
+
+GAMMA_STEPS = 12
+_ENOUGH = 256  # observations; a start needs no more
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Start:
+    """A pose to start from: ``X_M = rotation (X - X_0) + d0_mm``."""
+
+    rotation: Array
+    d0_mm: Array
+    gamma_s_rad: float
+    cost_mm2: float
+
+
+def cube_rotations() -> Array:
+    """Return the 24 rotations of the cube, (24, 3, 3): no rotation is farther than 63° from all."""
+    found = []
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1.0, -1.0), repeat=3):
+            rotation = np.eye(3)[list(order)] * np.array(signs)[:, None]
+            if np.linalg.det(rotation) > 0:
+                found.append(rotation)
+    return np.array(found)
+
+
+_CUBE = cube_rotations()
+
+
+@njit(cache=True)
+def _quadratic(rays, R_calib, d_calib, R_cnc, d_cnc, image_of, X, gamma_s, M, m, D, d_free):
+    """Fill cost = rᵀ M r + 2 mᵀ r + c and d = D r + d_free (r = R row by row); return c, and
+    whether the rays fix a point at all."""
+    A, b, dA, db = np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty(3)
+    S, T, s = np.zeros((3, 3)), np.zeros((3, 9)), np.zeros(3)
+    M[:, :] = 0.0
+    m[:] = 0.0
+    c = 0.0
+    v, o, P, Po = np.empty(3), np.empty(3), np.empty((3, 3)), np.empty(3)
+    K = np.empty((3, 9))
+    last = -1
+    for n in range(image_of.size):
+        if image_of[n] != last:
+            last = image_of[n]
+            set_camera(R_calib, d_calib, R_cnc, d_cnc, last, gamma_s, A, b, dA, db)
+        for i in range(3):
+            v[i] = A[0, i] * rays[n, 0] + A[1, i] * rays[n, 1] + A[2, i] * rays[n, 2]
+            o[i] = -(A[0, i] * b[0] + A[1, i] * b[1] + A[2, i] * b[2])
+        for i in range(3):
+            Po[i] = 0.0
+            for j in range(3):
+                P[i, j] = (1.0 if i == j else 0.0) - v[i] * v[j]
+                Po[i] += P[i, j] * o[j]
+        # e = P (K r + d - o) with K r = R X; P is a projection, so PᵀP = P.
+        for i in range(3):
+            for j in range(3):
+                S[i, j] += P[i, j]
+                for k in range(3):
+                    K[i, 3 * j + k] = P[i, j] * X[n, k]
+                    T[i, 3 * j + k] += K[i, 3 * j + k]
+            s[i] += Po[i]
+            c += o[i] * Po[i]
+        for i in range(3):
+            for k in range(3):
+                m[3 * i + k] -= X[n, k] * Po[i]
+                for j in range(9):
+                    M[3 * i + k, j] += X[n, k] * K[i, j]
+    # d = -S⁻¹ (T r - s)
+    c00, c01 = S[1, 1] * S[2, 2] - S[1, 2] * S[2, 1], S[0, 2] * S[2, 1] - S[0, 1] * S[2, 2]
+    c02 = S[0, 1] * S[1, 2] - S[0, 2] * S[1, 1]
+    determinant = S[0, 0] * c00 + S[1, 0] * c01 + S[2, 0] * c02
+    if not determinant > 1e-12 * image_of.size**3:
+        return c, False
+    inverse = np.empty((3, 3))
+    inverse[0, 0], inverse[0, 1], inverse[0, 2] = c00, c01, c02
+    inverse[1, 0] = S[1, 2] * S[2, 0] - S[1, 0] * S[2, 2]
+    inverse[1, 1] = S[0, 0] * S[2, 2] - S[0, 2] * S[2, 0]
+    inverse[1, 2] = S[0, 2] * S[1, 0] - S[0, 0] * S[1, 2]
+    inverse[2, 0] = S[1, 0] * S[2, 1] - S[1, 1] * S[2, 0]
+    inverse[2, 1] = S[0, 1] * S[2, 0] - S[0, 0] * S[2, 1]
+    inverse[2, 2] = S[0, 0] * S[1, 1] - S[0, 1] * S[1, 0]
+    for i in range(3):
+        d_free[i] = 0.0
+        for j in range(3):
+            d_free[i] += inverse[i, j] * s[j] / determinant
+        for k in range(9):
+            D[i, k] = 0.0
+            for j in range(3):
+                D[i, k] -= inverse[i, j] * T[j, k] / determinant
+    # With d put in: M + TᵀD, m + Tᵀ d_free, c - sᵀ d_free.
+    for i in range(9):
+        for j in range(9):
+            for k in range(3):
+                M[i, j] += T[k, i] * D[k, j]
+        for k in range(3):
+            m[i] += T[k, i] * d_free[k]
+    for k in range(3):
+        c -= s[k] * d_free[k]
+    return c, True
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp", "nsz"})
+def _descend(M, m, c, R, found, first, count):
+    """Minimise the quadratic over rotations from R (Gauss-Newton, damped).
+
+    Return the cost, and whether it leads to one of the minima ``found[first:count]``.
+    """
+    r, Mr, G = np.empty(9), np.empty(9), np.zeros((9, 3))
+    N, g, L, step = np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.zeros(3)
+    R_new = np.empty((3, 3))
+    cost = np.inf
+    damping = 1e-3
+    copy_to(R_new, R)
+    for _ in range(40):
+        for i in range(3):
+            for k in range(3):
+                r[3 * i + k] = R_new[i, k]
+        new = c
+        for i in range(9):
+            Mr[i] = m[i]
+            for j in range(9):
+                Mr[i] += M[i, j] * r[j]
+            new += r[i] * (Mr[i] + m[i])
+        if new <= cost:
+            settled = cost - new <= 1e-10 * abs(new)
+            cost = new
+            copy_to(R, R_new)
+            for f in range(first, count):
+                trace = 0.0
+                for i in range(9):
+                    trace += found[f, i] * r[i]
+                if trace > 3.0 - 1e-5:
+                    return cost, True
+            if settled:
+                break
+            damping *= 0.2
+            for k in range(3):
+                # d(R)/dω = [e_j]x R: row 0 of R turns into rows 1 and 2, and so on.
+                G[k, 1], G[k, 2] = R[2, k], -R[1, k]
+                G[3 + k, 0], G[3 + k, 2] = -R[2, k], R[0, k]
+                G[6 + k, 0], G[6 + k, 1] = R[1, k], -R[0, k]
+            g[:] = 0.0
+            N[:, :] = 0.0
+            for i in range(9):
+                h0 = h1 = h2 = 0.0  # row i of M G
+                for j in range(9):
+                    h0 += M[i, j] * G[j, 0]
+                    h1 += M[i, j] * G[j, 1]
+                    h2 += M[i, j] * G[j, 2]
+                for a in range(3):
+                    g[a] += G[i, a] * Mr[i]
+                    N[a, 0] += G[i, a] * h0
+                    N[a, 1] += G[i, a] * h1
+                    N[a, 2] += G[i, a] * h2
+        else:
+            damping = max(1e-3, damping * 8.0)
+        if not solve_damped(N, g, N.shape[0], damping, L, step):
+            damping = max(1e-3, damping * 8.0)
+            if damping > 1e9:
+                break
+            continue
+        rotate(R, step[0], step[1], step[2], R_new)
+    return cost, False
+
+
+@njit(cache=True)
+def _minima(rays, R_calib, d_calib, R_cnc, d_cnc, image_of, X, gammas, cube, found):
+    """Fill found (G * C, 14): R row by row, d_0, γ_s, cost; return how many."""
+    M, m, D, d_free = np.empty((9, 9)), np.empty(9), np.empty((3, 9)), np.empty(3)
+    R = np.empty((3, 3))
+    count = 0
+    for gamma in gammas:
+        c, good = _quadratic(rays, R_calib, d_calib, R_cnc, d_cnc, image_of, X, gamma,
+                             M, m, D, d_free)  # fmt: skip
+        if not good:
+            continue
+        first = count
+        for s in range(cube.shape[0]):
+            copy_to(R, cube[s])
+            cost, known = _descend(M, m, c, R, found, first, count)
+            if known:
+                continue
+            for i in range(9):
+                found[count, i] = R[i // 3, i % 3]
+            for i in range(3):
+                found[count, 9 + i] = d_free[i]
+                for j in range(9):
+                    found[count, 9 + i] += D[i, j] * R[j // 3, j % 3]
+            found[count, 12] = gamma
+            found[count, 13] = cost
+            count += 1
+    return count
+
+
+def find_starts(
+    *,
+    rays: Array,
+    taper_R_camera: Array,
+    taper_d_camera_mm: Array,
+    machine_R_spindle: Array,
+    machine_d_spindle_mm: Array,
+    image_of: NDArray[np.int64],
+    X_mm: Array,
+    gammas_rad: Array,
+) -> list[Start]:
+    """Return poses to start from, the most promising first.
+
+    Parameters
+    ----------
+    rays : (N, 3) array
+        Directions in ``camera_optical`` in which the targets were seen.
+    taper_R_camera, taper_d_camera_mm : (3, 3), (3,) arrays
+    machine_R_spindle, machine_d_spindle_mm : (I, 3, 3), (I, 3) arrays
+        Poses of the spindle, one for each image.
+    image_of : (N,) array
+        Image of each observation.
+    X_mm : (N, 3) array
+        Target of each observation, part frame, relative to X_0.
+    gammas_rad : (G,) array
+        Angles of the holder to try.
+    """
+    chosen = np.unique(np.linspace(0, len(rays) - 1, min(len(rays), _ENOUGH)).astype(np.int64))
+    rays = rays[chosen] / np.linalg.norm(rays[chosen], axis=1, keepdims=True)
+    # Around the spindle's mean position, and in units of the part, numbers are near 1.
+    origin = machine_d_spindle_mm.mean(axis=0)
+    unit = max(float(np.abs(X_mm).max()), 1.0)
+    found = np.empty((len(gammas_rad) * len(_CUBE), 14))
+    count = _minima(
+        rays, taper_R_camera, taper_d_camera_mm / unit, machine_R_spindle,
+        (machine_d_spindle_mm - origin) / unit, image_of[chosen], X_mm[chosen] / unit,
+        np.asarray(gammas_rad, dtype=float), _CUBE, found,
+    )  # fmt: skip
+    starts = [
+        Start(
+            rotation=row[:9].reshape(3, 3).copy(),
+            d0_mm=row[9:12] * unit + origin,
+            gamma_s_rad=float(row[12]),
+            cost_mm2=float(row[13]) * unit**2,
+        )
+        for row in found[:count]
+    ]
+    return sorted(starts, key=lambda start: start.cost_mm2)

@@ -1,0 +1,1 @@
+"""A measuring session: images and spindle poses in, the result out."""

@@ -1,0 +1,1 @@
+"""Ring-coded targets: families, search, reading, judgement, centring, printing."""

@@ -1,0 +1,159 @@
+"""From a number to a centre with its covariance, or to a reason why it cannot be trusted."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omm_core.targets.coded.families import TargetFamily
+from omm_core.targets.coded.judging import Reading, radius, refusal
+from omm_core.targets.coded.light import (
+    MIXED,
+    MIXED_ONCE_FITTED,
+    Light,
+    light_around,
+    noise,
+    slopes_prior,
+)
+from omm_core.targets.conic.dot_fit import fit_dot
+from omm_core.targets.conic.dot_model import PARAMETERS
+from omm_core.targets.conic.outline import semi_axes, square_root
+from omm_core.targets.detected import DetectedTarget, RefusedTarget
+
+Floats = NDArray[np.float64]
+
+SMALL_PX = 8.0
+"""Smaller semi-axis below which light is looked at again when the dot has been fitted."""
+MAX_MISFIT = 4.0
+"""χ² per degree of freedom from which on it is not noise alone; the covariance grows with it."""
+MAX_RESIDUAL = 0.06
+"""RMS of the residuals, of the contrast, from which on something lies on the dot. Below, misfit
+comes from what the camera does to edges (sharpening, JPEG), which is the same on all sides."""
+
+
+def centre_of_outline(reading: Reading) -> DetectedTarget:
+    """The outline's ellipse as result; its covariance from the scatter of its points."""
+    scatter = max(float(reading.outline[7]), 0.01) ** 2
+    return _result(
+        reading, reading.outline[:5], np.eye(2) * scatter * 2.0 / 40.0, reading.outline[8]
+    )
+
+
+def centre_all(
+    image: NDArray[Any], family: TargetFamily, readings: list[Reading], saturation: float
+) -> list[DetectedTarget | RefusedTarget]:
+    """Learn light and noise from the areas of all rings, then fit all dots."""
+    readings = list(readings)
+    lights = [light_around(image, family, reading, saturation) for reading in readings]
+    read, gain = noise(lights)
+    again = [i for i, light in enumerate(lights) if _is_to_see_again(readings[i], light)]
+    for i in again:
+        fit = _fit(image, family, readings[i], read, gain, saturation, lights[i])
+        if fit is not None:
+            outline = np.concatenate([fit[0][:5], readings[i].outline[5:8], fit[0][5:6]])
+            readings[i] = replace(readings[i], outline=outline)
+            mixed = MIXED if _is_clipped(lights[i]) else MIXED_ONCE_FITTED
+            lights[i] = light_around(image, family, readings[i], saturation, mixed)
+    if again:
+        read, gain = noise(lights)
+    return [
+        _judge(reading, _fit(image, family, reading, read, gain, saturation, light))
+        for reading, light in zip(readings, lights, strict=True)
+    ]
+
+
+def _is_to_see_again(reading: Reading, light: Light | None) -> bool:
+    """Whether light was taken from edges too, for want of knowing well where these are.
+
+    A small dot's outline is known to a tenth of a pixel, and its ring has few pixels away from
+    edges. What is saturated looks wider than it is.
+    """
+    return _is_clipped(light) or semi_axes(*reading.outline[2:5])[0] < SMALL_PX
+
+
+def _is_clipped(light: Light | None) -> bool:
+    return light is not None and bool(light.clipped.any())
+
+
+def _fit(
+    image: NDArray[Any],
+    family: TargetFamily,
+    reading: Reading,
+    read: float,
+    gain: float,
+    saturation: float,
+    light: Light | None,
+) -> tuple[Floats, Floats, Floats] | None:
+    """Parameters, covariance and statistics of `dot_fit.fit_dot`, or None."""
+    shape = reading.outline
+    prior, mean = slopes_prior(reading, light, read, gain)
+    p = np.zeros(PARAMETERS)
+    p[:5] = shape[:5]
+    p[5] = max(float(shape[8]), 0.35)
+    p[6], p[9] = shape[5], shape[6]
+    p[[7, 8, 10, 11]] = mean
+    covariance, statistics = np.zeros((2, 2)), np.zeros(6)
+    ok = fit_dot(
+        image,
+        shape,
+        reading.sign,
+        family.ring_inner_ratio,
+        reading.bits,
+        reading.phase_rad,
+        read,
+        gain,
+        saturation,
+        prior,
+        mean,
+        p,
+        covariance,
+        statistics,
+    )
+    return (p, covariance, statistics) if ok else None
+
+
+def _judge(
+    reading: Reading, fit: tuple[Floats, Floats, Floats] | None
+) -> DetectedTarget | RefusedTarget:
+    shape = reading.outline
+    if fit is None:
+        return refusal(
+            shape, "the dot's edge is not that of one evenly lit dot: its centre cannot be trusted"
+        )
+    p, covariance, statistics = fit
+    free = max(float(statistics[5]) - PARAMETERS, 1.0)
+    misfit = float(statistics[4]) / free
+    residual = math.sqrt((statistics[1] + statistics[3]) / (free + PARAMETERS))
+    if misfit > MAX_MISFIT and residual > MAX_RESIDUAL * abs(p[6] - p[9]):
+        return refusal(
+            shape, "something lies on the dot or shines on it: its centre cannot be trusted"
+        )
+    # What the dot itself shows of the noise counts: it grew by misfit, or was thought too large.
+    covariance = covariance * max(misfit, 0.2)
+    return _result(reading, p[:5], covariance, p[5], abs(p[6] - p[9]))
+
+
+def _result(
+    reading: Reading, conic: Floats, covariance: Floats, s: float, contrast: float | None = None
+) -> DetectedTarget:
+    a11, a12, a22 = square_root(conic[2], conic[3], conic[4])
+    smaller, larger = semi_axes(*conic[2:5])
+    return DetectedTarget(
+        id=reading.id,
+        center_px=np.array(conic[:2]),
+        covariance_px2=np.array(covariance),
+        diameter_px=2.0 * radius(conic),
+        axes_px=(2.0 * larger, 2.0 * smaller),
+        angle_rad=0.5 * math.atan2(2.0 * a12, a11 - a22),
+        phase_rad=reading.phase_rad,
+        bright=reading.sign > 0,
+        contrast_dn=float(
+            abs(reading.outline[5] - reading.outline[6]) if contrast is None else contrast
+        ),
+        blur_px=float(s),
+        ring_margin=reading.margin,
+    )

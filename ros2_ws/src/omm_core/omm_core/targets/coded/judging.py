@@ -1,0 +1,194 @@
+"""From a candidate to a number that can be trusted.
+
+Each step either hands on or gives a reason that a person understands.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omm_core.targets.coded import reading
+from omm_core.targets.coded.families import TargetFamily
+from omm_core.targets.coded.reading import read_candidates, read_ring
+from omm_core.targets.conic.outline import semi_axes, square_root, within_any
+from omm_core.targets.detected import RefusedTarget
+
+Floats = NDArray[np.float64]
+
+LEAN_RADIUS_PX = 24.0
+"""Smaller semi-axis from which on perspective is looked for within a target."""
+LEANS = np.array([-0.06, -0.04, -0.02, 0.0, 0.02, 0.04, 0.06])
+"""Radius of the dot by its distance that is tried (a dot of 15 mm at 150 mm: 0.05)."""
+_FROM_THE_MIDDLE = (2, 4, 1, 5, 0, 6)
+MIN_LEAN_GAIN = 0.9
+"""By how much the ring must fit better with perspective (of the squared error) to believe it."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reading:
+    """A dot with a ring that was read.
+
+    Attributes
+    ----------
+    outline : (9,) see `outline.outline`.
+    lean : (2,) the perspective's share, see `reading.ring_profile`.
+    sign : +1 bright dot, -1 dark dot.
+    bits : (n,) 0/1 clockwise from `phase_rad`, as seen; not yet rotated to the code.
+    """
+
+    id: int
+    outline: Floats
+    lean: Floats
+    sign: int
+    bits: NDArray[np.int64]
+    phase_rad: float
+    margin: float
+
+    @property
+    def radius_px(self) -> float:
+        """Radius of the circle with the ellipse's area."""
+        return radius(self.outline)
+
+
+def radius(conic: Floats) -> float:
+    """Radius of the circle with the area of the ellipse (5,), px."""
+    return float((conic[2] * conic[4] - conic[3] ** 2) ** -0.25)
+
+
+def refusal(conic: Floats, reason: str) -> RefusedTarget:
+    """An ellipse (5,) that is not taken for a target."""
+    return RefusedTarget(center_px=conic[:2].copy(), diameter_px=2.0 * radius(conic), reason=reason)
+
+
+def judge_candidates(
+    image: NDArray[Any], family: TargetFamily, candidates: Floats
+) -> tuple[list[Reading], list[RefusedTarget]]:
+    """Outlines and numbers of the candidates (N, 6), large ones first; and what was refused."""
+    dots, shapes, bits, facts, doubts = read_candidates(
+        image, candidates, family.ring_inner_ratio, family.ring_outer_ratio, family.bits
+    )
+    readings: list[Reading] = []
+    rings = np.empty((len(dots), 5))
+    refused = []
+    for i, shape in enumerate(shapes):
+        lean = np.zeros(2)
+        bits_seen, seen, against = bits[i], facts[i], int(doubts[i])
+        if within_any(rings, len(readings), shape[0], shape[1], family.ring_outer_ratio):
+            continue
+        # Perspective blurs a ring; it does not make one of nothing, or of the image's border.
+        if against in (reading.CUT, reading.NO_RING):
+            leaning = None
+        else:
+            leaning = _perspective(image, family, shape, seen)
+        if leaning is not None:
+            lean = leaning
+            bits_seen, seen = _read(image, family, shape, lean)
+            against = reading.doubt(seen)
+        if against == reading.NO_RING:
+            continue  # nothing ring-like is there, which is not worth a word
+        sign = int(candidates[dots[i], 5])
+        outcome = _number(family, shape, lean, sign, bits_seen, seen, against)
+        if isinstance(outcome, Reading):
+            rings[len(readings)] = shape[:5]
+            readings.append(outcome)
+        else:
+            refused.append(outcome)
+    return readings, refused
+
+
+_DOUBTS = {
+    reading.CUT: "the ring is cut by the border of the image",
+    reading.UNCLEAR: "a sector of the ring is neither set nor clear",
+    reading.COVERED: "the ring does not look as its own bits let expect: "
+    "something lies on it, or light falls on it",
+    reading.FILLED: "something lies between dot and ring",
+}
+
+
+def _number(
+    family: TargetFamily,
+    shape: Floats,
+    lean: Floats,
+    sign: int,
+    bits: NDArray[np.int64],
+    facts: Floats,
+    against: int,
+) -> Reading | RefusedTarget:
+    """A reading, or a refusal."""
+    if against == reading.OTHER_WIDTH:
+        return refusal(shape, f"the ring is not as wide as those of {family.name}")
+    if against != reading.NONE:
+        return refusal(shape, _DOUBTS[against])
+    code = int("".join(map(str, bits)), 2)
+    target_id = family.id_of(code)
+    if target_id is None:
+        return refusal(shape, f"the ring reads {code:0{family.bits}b}: no code of {family.name}")
+    return Reading(
+        id=target_id,
+        outline=shape,
+        lean=lean,
+        sign=sign,
+        bits=bits,
+        phase_rad=float(facts[0]),
+        margin=float(facts[1]),
+    )
+
+
+def _perspective(
+    image: NDArray[Any], family: TargetFamily, shape: Floats, straight: Floats
+) -> Floats | None:
+    """How much larger the near side of a tilted target is than its far side, (2,) per dot radius.
+
+    It lies along the ellipse's smaller axis. None where there is none to be seen, as of a small
+    dot, which is far away.
+    """
+    if radius(shape) < LEAN_RADIUS_PX:
+        return None
+    smaller, larger = semi_axes(shape[2], shape[3], shape[4])
+    if smaller < LEAN_RADIUS_PX or larger < 1.04 * smaller:
+        return None
+    a11, a12, a22 = square_root(shape[2], shape[3], shape[4])
+    angle = 0.5 * math.atan2(2.0 * a12, a11 - a22) + 0.5 * math.pi
+    axis = np.array([math.cos(angle), math.sin(angle)])
+    # Lean is the dot's radius by its distance, times the sine of the tilt.
+    leans = LEANS * math.sqrt(1.0 - (smaller / larger) ** 2)
+    middle = len(leans) // 2
+    errors = np.full(len(leans), math.nan)
+    errors[middle] = _ring_error(straight)
+    for i in _FROM_THE_MIDDLE:
+        errors[i] = _ring_error(_read(image, family, shape, leans[i] * axis)[1])
+        # Where a ring is read and fits worse on both sides, it fits best as it is.
+        near = errors[middle - 1 : middle + 2]
+        if near[1] < 1.0 and near[0] >= near[1] <= near[2]:
+            return None
+    best = int(np.nanargmin(errors)) if np.isfinite(errors).any() else middle
+    if errors[best] ** 2 > MIN_LEAN_GAIN * errors[middle] ** 2:
+        return None
+    if not 0 < best < len(leans) - 1 or not np.isfinite(errors[best - 1 : best + 2]).all():
+        return np.asarray(leans[best] * axis)
+    before, at, after = errors[best - 1 : best + 2] ** 2
+    bend = before - 2.0 * at + after
+    shift = 0.5 * (before - after) / bend if bend > 0.0 else 0.0
+    return np.asarray((leans[best] + shift * (leans[1] - leans[0])) * axis)
+
+
+def _read(
+    image: NDArray[Any], family: TargetFamily, shape: Floats, lean: Floats
+) -> tuple[NDArray[np.int64], Floats]:
+    """Bits and facts of `reading.read_ring`."""
+    ring = (family.ring_inner_ratio, family.ring_outer_ratio, family.bits)
+    bits, facts = read_ring(image, shape, lean, *ring)
+    return bits, facts
+
+
+def _ring_error(facts: Floats) -> float:
+    """RMS of what is seen of the ring less what its bits let expect; NaN outside the image."""
+    if math.isnan(facts[0]):
+        return math.nan
+    unread = facts[1] < 0.1 or facts[7] < 0.5
+    return 1.0 if unread else float(facts[3])

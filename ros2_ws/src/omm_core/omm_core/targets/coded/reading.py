@@ -1,0 +1,298 @@
+"""The bits of the ring around a dot, and all that speaks against them."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+from omm_core.targets.conic.outline import between, dot_outline, inside, square_root, within_any
+
+SAMPLES = 8
+"""Samples of the ring per sector."""
+MAX_GAP = 0.45
+"""Largest deviation from the background between dot and ring."""
+MAX_BESIDE = 0.35
+"""Largest share of the set samples that is still set where the ring must have ended."""
+MIN_MARGIN = 0.15
+"""A sector nearer to the threshold (of a contrast of 1) is doubtful."""
+MAX_SECTOR_ERROR = 0.28
+"""How far a sector may be off what dot, blur and bits let expect."""
+MAX_PROFILE_RMS = 0.17
+"""The same for the root mean square around the ring."""
+
+
+@numba.njit(cache=True, error_model="numpy")
+def ring_profile(image, col, row, a11, a12, a22, lean_x, lean_y, radii, count):  # type: ignore[no-untyped-def]
+    """Mean grey value at the given radii (dot radii), at `count` angles clockwise; NaN outside.
+
+    `lean` is the perspective's share: a point u of the target's plane (dot radii) is seen at
+    centre + A u / (1 + lean · u).
+    """
+    profile = np.zeros(count)
+    turn_c, turn_s = math.cos(2 * math.pi / count), math.sin(2 * math.pi / count)
+    c, s = math.cos(math.pi / count), -math.sin(math.pi / count)
+    for i in range(count):
+        c, s = c * turn_c - s * turn_s, s * turn_c + c * turn_s
+        for j in range(len(radii)):
+            r = radii[j]
+            w = 1.0 + r * (lean_x * c + lean_y * s)
+            x = (a11 * c + a12 * s) * r / w
+            y = (a12 * c + a22 * s) * r / w
+            if not inside(image, col + x, row + y):
+                profile[i] = math.nan
+                break
+            profile[i] += between(image, col + x, row + y) / len(radii)
+    return profile
+
+
+@numba.njit(cache=True, error_model="numpy")
+def read_bits(profile, bits):  # type: ignore[no-untyped-def]
+    """Phase of the sectors and the mean over the middle half of each.
+
+    Parameters
+    ----------
+    profile : (bits * SAMPLES,) 0 = background, 1 = set.
+
+    Returns
+    -------
+    values : (bits,) clockwise. phase : where the first sector begins, in samples.
+    """
+    n = len(profile)
+    re = im = 0.0
+    for i in range(n):
+        jump = abs(profile[(i + 1) % n] - profile[i - 1])
+        angle = 2 * math.pi * (i + 0.5) / SAMPLES
+        re += jump * jump * math.cos(angle)
+        im += jump * jump * math.sin(angle)
+    phase = math.atan2(im, re) / (2 * math.pi) * SAMPLES
+    if phase < 0.0:
+        phase += SAMPLES
+    values = np.zeros(bits)
+    for b in range(bits):
+        total = 0.0
+        taken = 0
+        for k in range(SAMPLES // 4, SAMPLES - SAMPLES // 4):
+            total += profile[int(phase + b * SAMPLES + k + 0.001) % n]
+            taken += 1
+        values[b] = total / taken
+    return values, phase
+
+
+_PHI = np.array([0.5 * math.erfc(-z / math.sqrt(2.0)) for z in np.arange(-256, 258) / 64.0])
+
+
+@numba.njit(cache=True, error_model="numpy")
+def phi(z):  # type: ignore[no-untyped-def]
+    """Normal distribution to 1e-5, from a table."""
+    if z >= 4.0:
+        return 1.0
+    if z <= -4.0:
+        return 0.0
+    t = 64.0 * z + 256.0
+    i = int(t)
+    return _PHI[i] + (t - i) * (_PHI[i + 1] - _PHI[i])
+
+
+@numba.njit(cache=True, error_model="numpy")
+def expected_profile(a11, a12, a22, inner, outer, bits, phase, s, radii, count):  # type: ignore[no-untyped-def]
+    """What `ring_profile` should show of the bits: 0 to 1, with the blur s (px).
+
+    `phase` is where the first sector begins (rad, clockwise; within the first sector's width).
+    """
+    n = len(bits)
+    pitch = 2.0 * math.pi / n
+    det = a11 * a22 - a12 * a12
+    # Around the ring and on, so that no index needs to be wrapped.
+    around = np.empty(n + 6, dtype=np.int64)
+    for m in range(n + 6):
+        around[m] = bits[(m - 3) % n]
+    profile = np.empty(count)
+    turn_c, turn_s = math.cos(2 * math.pi / count), math.sin(2 * math.pi / count)
+    c, s_ = math.cos(math.pi / count), -math.sin(math.pi / count)
+    for i in range(count):
+        angle = 2 * math.pi * (i + 0.5) / count
+        c, s_ = c * turn_c - s_ * turn_s, s_ * turn_c + c * turn_s
+        along = math.sqrt((a11 * c + a12 * s_) ** 2 + (a12 * c + a22 * s_) ** 2)
+        # Pixels per dot radius perpendicular to the ring's edge, and per radian to a border's.
+        across = det / math.sqrt((a22 * c - a12 * s_) ** 2 + (a11 * s_ - a12 * c) ** 2)
+        side = det / along
+        radial = 0.0
+        mean_radius = 0.0
+        for j in range(len(radii)):
+            z_in, z_out = (radii[j] - inner) * across / s, (radii[j] - outer) * across / s
+            radial += (phi(z_in) - phi(z_out)) / len(radii)
+            mean_radius += radii[j] / len(radii)
+        turn = (angle - phase) / pitch
+        k = math.floor(turn)
+        scale = pitch * mean_radius * side / s
+        value = around[k + 1] + 0.0
+        for m in range(k - 1, k + 3):
+            jump = around[m + 3] - around[m + 2]
+            if jump != 0:
+                value += jump * phi((turn - m) * scale)
+        profile[i] = value * radial
+    return profile
+
+
+@numba.njit(cache=True, error_model="numpy")
+def read_ring(image, shape, lean, inner, outer, bits_count):  # type: ignore[no-untyped-def]
+    """Read the ring around a dot and everything that speaks for or against it.
+
+    Parameters
+    ----------
+    shape : (9,) from `outline`.
+    lean : (2,) the perspective's share, see `ring_profile`.
+
+    Returns
+    -------
+    bits : (n,) 0/1, clockwise from the phase.
+    facts : (8,) phase (rad); margin of the most doubtful sector; largest error of a sector's mean
+        and RMS error of the profile against what the bits let expect; largest deviation in the gap;
+        shares of set samples that are still set before the ring and beyond it; largest value of a
+        sector. NaN phase where the image's border cuts the ring.
+    """
+    n = bits_count
+    bits = np.zeros(n, dtype=np.int64)
+    facts = np.zeros(8)
+    count = n * SAMPLES
+    a11, a12, a22 = square_root(shape[2], shape[3], shape[4])
+    col, row, base, height = shape[0], shape[1], shape[6], shape[5] - shape[6]
+    s = max(shape[8], 0.4)
+    middle, spread = 0.5 * (inner + outer), 0.25 * (outer - inner)
+    radii = np.empty(3)
+    radii[0], radii[1], radii[2] = middle - spread, middle, middle + spread
+    ring = ring_profile(image, col, row, a11, a12, a22, lean[0], lean[1], radii, count)
+    for i in range(count):
+        if math.isnan(ring[i]):
+            facts[0] = math.nan
+            return bits, facts
+        ring[i] = (ring[i] - base) / height
+    values, phase = read_bits(ring, n)
+    bits[:] = 1
+    places = np.int64(16)
+    all_set = expected_profile(a11, a12, a22, inner, outer, bits, 0.0, s, radii, places)
+    level = 0.0
+    for i in range(places):
+        level += all_set[i] / places
+    facts[1] = math.inf
+    for b in range(n):
+        value = values[b] / level
+        facts[7] = max(facts[7], value) if b > 0 else value
+        facts[1] = min(facts[1], abs(value - 0.5))
+        bits[b] = 1 if value > 0.5 else 0
+    facts[0] = phase * 2.0 * math.pi / count
+    if facts[7] < 0.5 or facts[1] < 0.1:
+        facts[3] = 1.0 if facts[1] >= 0.1 else 0.0
+        return bits, facts
+    error = expected_profile(a11, a12, a22, inner, outer, bits, facts[0], s, radii, count)
+    for i in range(count):
+        error[i] = ring[i] - error[i]
+        facts[3] += error[i] * error[i] / count
+    facts[3] = math.sqrt(facts[3])
+    start = int(phase + 0.5)
+    for b in range(n):
+        total = 0.0
+        for k in range(SAMPLES):
+            total += error[(start + b * SAMPLES + k) % count] / SAMPLES
+        facts[2] = max(facts[2], abs(total))
+    if facts[1] < MIN_MARGIN or facts[2] > MAX_SECTOR_ERROR or facts[3] > MAX_PROFILE_RMS:
+        return bits, facts  # refused anyway
+    count //= 2
+    at = np.empty(1)
+    at[0] = 1.0 + 0.5 * (inner - 1.0)
+    gap = ring_profile(image, col, row, a11, a12, a22, lean[0], lean[1], at, count)
+    for i in range(count):
+        facts[4] = max(facts[4], abs(gap[i] - base) / height)
+    # Where the dot is saturated, all that is bright looks wider, by up to about s.
+    highest = 254.5 if image.itemsize == 1 else 65534.5
+    wider = s / math.sqrt(a11 * a22 - a12 * a12) if not 0.5 < shape[5] < highest else 0.0
+    # Beyond the ring two places are looked at: what is bright around a label may reach the outer.
+    still = np.zeros((2, count))
+    still[:] = math.inf
+    for place in range(3):
+        at[0] = inner - 0.3 - wider if place == 0 else outer + (0.2 if place == 1 else 0.35)
+        seen = ring_profile(image, col, row, a11, a12, a22, lean[0], lean[1], at, count)
+        expected = expected_profile(a11, a12, a22, inner, outer, bits, facts[0], s, at, count)
+        side = min(place, 1)
+        for i in range(count):
+            if not math.isnan(seen[i]):
+                rest = (seen[i] - base) / height - expected[i]
+                still[side, i] = min(still[side, i], rest)
+    for side in range(2):
+        on = total = 0.0
+        for i in range(count):
+            sector = math.floor((2 * i + 1 - phase) / SAMPLES) % n
+            if bits[sector] == 1 and still[side, i] < math.inf:
+                total += 1.0
+                on += still[side, i] > 0.4
+        facts[5 + side] = on / total if total > 0.0 else 0.0
+    return bits, facts
+
+
+NONE, CUT, NO_RING, UNCLEAR, COVERED, FILLED, OTHER_WIDTH = range(7)
+"""What may speak against a ring, in the order in which it is asked."""
+
+
+@numba.njit(cache=True, error_model="numpy")
+def doubt(facts):  # type: ignore[no-untyped-def]
+    """What speaks against a ring, from the facts of `read_ring`."""
+    if math.isnan(facts[0]):
+        return CUT
+    if facts[7] < 0.5 or facts[3] > 2.0 * MAX_PROFILE_RMS:
+        return NO_RING
+    if facts[1] < MIN_MARGIN:
+        return UNCLEAR
+    if facts[2] > MAX_SECTOR_ERROR or facts[3] > MAX_PROFILE_RMS:
+        return COVERED
+    if facts[4] > MAX_GAP:
+        return FILLED
+    if max(facts[5], facts[6]) > MAX_BESIDE:
+        return OTHER_WIDTH
+    return NONE
+
+
+@numba.njit(cache=True, error_model="numpy")
+def read_candidates(image, candidates, inner, outer, bits_count):  # type: ignore[no-untyped-def]
+    """Outline and ring of all candidates, without perspective.
+
+    Parameters
+    ----------
+    candidates : (N, 6), large ones first: the sectors of a ring look like small dots, and need no
+        second look.
+
+    Returns
+    -------
+    dots : (M,) which of the candidates are dots that can be read. shapes (M, 9), bits (M, n),
+    facts (M, 8), against (M,) : see `outline`, `read_ring` and `doubt`.
+    """
+    n = len(candidates)
+    dots = np.empty(n, dtype=np.int64)
+    shapes, facts = np.empty((n, 9)), np.empty((n, 8))
+    bits = np.empty((n, bits_count), dtype=np.int64)
+    against = np.empty(n, dtype=np.int64)
+    rings = np.empty((n, 5))
+    count = good = np.int64(0)
+    straight = np.zeros(2)
+    for i in range(n):
+        if within_any(rings, good, candidates[i, 0], candidates[i, 1], outer):
+            continue
+        shape, ok = dot_outline(image, candidates[i])
+        if not ok:
+            continue
+        dots[count] = i
+        ring_bits, ring_facts = read_ring(image, shape, straight, inner, outer, bits_count)
+        for k in range(9):
+            shapes[count, k] = shape[k]
+        for k in range(8):
+            facts[count, k] = ring_facts[k]
+        for k in range(bits_count):
+            bits[count, k] = ring_bits[k]
+        against[count] = doubt(ring_facts)
+        if against[count] == NONE:
+            for k in range(5):
+                rings[good, k] = shape[k]
+            good += 1
+        count += 1
+    return dots[:count], shapes[:count], bits[:count], facts[:count], against[:count]

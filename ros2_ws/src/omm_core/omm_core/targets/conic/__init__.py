@@ -1,0 +1,1 @@
+"""The dot: its outline, its model, its fit."""

@@ -1,0 +1,182 @@
+"""The dot's outline at full size: an ellipse through the half levels of its edge."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+from omm_core.numerics.linear_algebra import solve_damped
+
+OUTLINE_RAYS = 48
+MIN_RADIUS_PX = 1.8
+"""Smaller semi-axis from which on a ring can be read."""
+
+
+@numba.njit(cache=True, error_model="numpy")
+def between(image, col, row):  # type: ignore[no-untyped-def]
+    """Bilinear grey value; the place must be inside the image (see `inside`)."""
+    x, y = int(col), int(row)
+    fx, fy = col - x, row - y
+    top = image[y, x] + fx * (np.int64(image[y, x + 1]) - np.int64(image[y, x]))
+    bottom = image[y + 1, x] + fx * (np.int64(image[y + 1, x + 1]) - np.int64(image[y + 1, x]))
+    return top + fy * (bottom - top)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def inside(image, col, row):  # type: ignore[no-untyped-def]
+    """Has a place four pixels around it?"""
+    height, width = image.shape
+    return 0.0 <= col <= width - 1.001 and 0.0 <= row <= height - 1.001
+
+
+@numba.njit(cache=True, error_model="numpy")
+def within_any(conics, count, col, row, ratio):  # type: ignore[no-untyped-def]
+    """Lies a point within `ratio` times one of the first `count` ellipses (N, 5)?"""
+    for i in range(count):
+        dx, dy = col - conics[i, 0], row - conics[i, 1]
+        rho2 = conics[i, 2] * dx * dx + 2.0 * conics[i, 3] * dx * dy + conics[i, 4] * dy * dy
+        if rho2 < ratio * ratio:
+            return True
+    return False
+
+
+@numba.njit(cache=True, error_model="numpy")
+def square_root(xx, xy, yy):  # type: ignore[no-untyped-def]
+    """A with A A = M⁻¹ (symmetric): maps the unit circle to the ellipse xᵀ M x = 1."""
+    det = xx * yy - xy * xy
+    ixx, ixy, iyy = yy / det, -xy / det, xx / det
+    s = math.sqrt(ixx * iyy - ixy * ixy)
+    t = math.sqrt(ixx + iyy + 2.0 * s)
+    return (ixx + s) / t, ixy / t, (iyy + s) / t
+
+
+@numba.njit(cache=True, error_model="numpy")
+def semi_axes(xx, xy, yy):  # type: ignore[no-untyped-def]
+    """Smaller and larger semi-axis of the ellipse xᵀ M x = 1."""
+    a11, a12, a22 = square_root(xx, xy, yy)
+    mean, half = 0.5 * (a11 + a22), 0.5 * math.sqrt((a11 - a22) ** 2 + 4.0 * a12 * a12)
+    return mean - half, mean + half
+
+
+@numba.njit(cache=True, error_model="numpy")
+def outline(image, col, row, xx, xy, yy, sign):  # type: ignore[no-untyped-def]
+    """Ellipse through the half levels of the dot's edge on rays from its centre.
+
+    Returns
+    -------
+    result : (9,) col, row, the conic's xx, xy, yy, level inside, level outside, RMS of the edge
+        points off the ellipse (px), width of the edge (standard deviation, px).
+    ok : False where the edge is not found all around.
+    """
+    result = np.empty(9)
+    points, p = np.empty((OUTLINE_RAYS, 2)), np.empty(5)
+    for turn in range(2):
+        # A first look with few rays turns most of what is no dot away.
+        rays = OUTLINE_RAYS // 4 if turn == 0 else OUTLINE_RAYS
+        begin, end = (0.5, 1.5) if turn == 0 else (0.65, 1.4)
+        a11, a12, a22 = square_root(xx, xy, yy)
+        level_in = level_out = width = 0.0
+        for i in range(rays):
+            angle = 2 * math.pi * i / rays
+            c, s = math.cos(angle), math.sin(angle)
+            ux, uy = a11 * c + a12 * s, a12 * c + a22 * s
+            length = math.sqrt(ux * ux + uy * uy)
+            if not inside(image, col + 1.5 * ux, row + 1.5 * uy):
+                return result, False
+            v_in = 0.5 * (
+                between(image, col + 0.5 * ux, row + 0.5 * uy)
+                + between(image, col + 0.3 * ux, row + 0.3 * uy)
+            )
+            v_out = between(image, col + 1.5 * ux, row + 1.5 * uy)
+            if not sign * (v_in - v_out) > 0.0:
+                return result, False
+            level_in += v_in / rays
+            level_out += v_out / rays
+            level = 0.5 * (v_in + v_out)
+            t, step = begin, max(0.5 / max(length, 1.0), 1.0 / 32.0)
+            before = sign * (between(image, col + t * ux, row + t * uy) - level)
+            found = False
+            steepest = 0.0
+            while t < end:
+                now = sign * (between(image, col + (t + step) * ux, row + (t + step) * uy) - level)
+                steepest = max(steepest, before - now)
+                if not found and before > 0.0 and now <= 0.0:
+                    found = True
+                    at = t + step * before / (before - now)
+                    points[i, 0], points[i, 1] = at * c, at * s
+                before = now
+                t += step
+            if not found:
+                return result, False
+            # A Gaussian edge of height h is h / (sqrt(2 pi) sigma) steep.
+            slope = steepest / (step * length)
+            width += abs(v_in - v_out) / (2.5066 * max(slope, 1e-9)) / rays
+        if not _conic(points, rays, p):
+            return result, False
+        det = p[0] * p[2] - p[1] * p[1]
+        if not det > 0.05:
+            return result, False
+        # Centre and size of the fitted conic, in the frame of the unit circle.
+        du = -0.5 * (p[2] * p[3] - p[1] * p[4]) / det
+        dv = -0.5 * (p[0] * p[4] - p[1] * p[3]) / det
+        scale = 1.0 + p[0] * du * du + 2 * p[1] * du * dv + p[2] * dv * dv
+        if not (scale > 0.0 and du * du + dv * dv < 0.25):
+            return result, False
+        off = 0.0
+        for i in range(rays):
+            u, v = points[i, 0] - du, points[i, 1] - dv
+            rho = math.sqrt(max(p[0] * u * u + 2 * p[1] * u * v + p[2] * v * v, 1e-9) / scale)
+            ux, uy = a11 * u + a12 * v, a12 * u + a22 * v
+            off += (1.0 - 1.0 / rho) ** 2 * (ux * ux + uy * uy) / rays
+        if turn == 0 and off > 0.25 + 0.0064 * (a11 * a22 - a12 * a12):
+            return result, False
+        d = a11 * a22 - a12 * a12
+        i11, i12, i22 = a22 / d, -a12 / d, a11 / d
+        q11, q12, q22 = p[0] / scale, p[1] / scale, p[2] / scale
+        b11, b12 = i11 * q11 + i12 * q12, i11 * q12 + i12 * q22
+        b21, b22 = i12 * q11 + i22 * q12, i12 * q12 + i22 * q22
+        xx, xy = b11 * i11 + b12 * i12, b11 * i12 + b12 * i22
+        yy = b21 * i12 + b22 * i22
+        col += a11 * du + a12 * dv
+        row += a12 * du + a22 * dv
+        result[0], result[1], result[2], result[3], result[4] = col, row, xx, xy, yy
+        result[5], result[6], result[7], result[8] = level_in, level_out, math.sqrt(off), width
+    return result, True
+
+
+@numba.njit(cache=True, error_model="numpy")
+def dot_outline(image, candidate):  # type: ignore[no-untyped-def]
+    """`outline` of a candidate (6,); and whether it is that of a dot that can be read."""
+    shape, ok = outline(
+        image,
+        candidate[0],
+        candidate[1],
+        candidate[2],
+        candidate[3],
+        candidate[4],
+        int(candidate[5]),
+    )
+    if not ok:
+        return shape, False
+    smaller, larger = semi_axes(shape[2], shape[3], shape[4])
+    ok = smaller >= MIN_RADIUS_PX and larger <= 3.0 * smaller and shape[7] <= 0.15 + 0.04 * smaller
+    return shape, ok
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _conic(points, count, conic):  # type: ignore[no-untyped-def]
+    """Fill (a, b, c, d, e): least squares a u² + 2 b u v + c v² + d u + e v = 1 through points near
+    the unit circle; False where they do not fix it."""
+    normal = np.zeros((5, 5))
+    right = np.zeros(5)
+    g = np.empty(5)
+    for i in range(count):
+        u, v = points[i, 0], points[i, 1]
+        g[0], g[1], g[2], g[3], g[4] = u * u, 2 * u * v, v * v, u, v
+        for j in range(5):
+            right[j] -= g[j]
+            for k in range(5):
+                normal[j, k] += g[j] * g[k]
+    return solve_damped(normal, right, normal.shape[0], 0.0, np.empty((5, 5)), conic)

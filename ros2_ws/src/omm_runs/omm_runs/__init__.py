@@ -1,0 +1,1 @@
+"""Recorded runs solved again, one or many, and taken apart. Knows nothing of ROS."""
