@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from omm_camera_driver.drivers.choosing.gige import aravis
+
+from omm_camera_driver.drivers.gige import aravis
 
 sys.path.insert(0, str(Path(__file__).parent))
 from camera_peers import ADDRESS, CameraProcess, Recorder

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from omm_camera_driver.drivers.choosing.gige import gvcp
 
 from omm_camera_driver.driver import CameraSettings, Frame, Trigger
+from omm_camera_driver.drivers.gige import gvcp
 from omm_camera_driver.drivers.gige.driver import GigeDriver, GigeOptions, find
 from omm_camera_driver.drivers.gige.simulator import GigeSimulator
 from omm_core.errors import DeviceError, InputError

@@ -8,8 +8,8 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from omm_camera_driver.drivers.choosing.v4l2 import videodev
 
+from omm_camera_driver.drivers.v4l2 import videodev
 from omm_camera_driver.drivers.v4l2.controls import control_name
 from omm_camera_driver.drivers.v4l2.driver import exposure_middle, mono_image
 

@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _gige(timeout_s: float) -> list[ListedCamera]:
-    from omm_camera_driver.drivers.choosing.gige import aravis, gvcp
+    from omm_camera_driver.drivers.gige import aravis, gvcp
 
     library = ""
     try:
@@ -79,13 +79,13 @@ def _gige(timeout_s: float) -> list[ListedCamera]:
 
 
 def _held(address: str) -> str:
-    from omm_camera_driver.drivers.choosing.gige import gvcp
+    from omm_camera_driver.drivers.gige import gvcp
 
     return "another program holds it" if gvcp.is_held(address) else ""
 
 
 def _v4l2() -> list[ListedCamera]:
-    from omm_camera_driver.drivers.choosing.v4l2 import devices as v4l2_devices
+    from omm_camera_driver.drivers.v4l2 import devices as v4l2_devices
 
     return [
         ListedCamera(

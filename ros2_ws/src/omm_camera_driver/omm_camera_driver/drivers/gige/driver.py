@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from omm_camera_driver.driver import Camera, CameraSettings, DeviceLost, Frame
-from omm_camera_driver.drivers.choosing.gige import aravis, gvcp
+from omm_camera_driver.drivers.gige import aravis, gvcp
 from omm_camera_driver.drivers.gige.camera_clock import CameraClock, Reading
 from omm_camera_driver.drivers.gige.settings import GigeSettings
 from omm_camera_driver.pixels import mono_from_genicam

@@ -15,7 +15,7 @@ from ctypes import byref, c_char, c_size_t, c_uint32
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_camera_driver.drivers.choosing.gige import aravis, gvcp
+from omm_camera_driver.drivers.gige import aravis, gvcp
 from omm_camera_driver.pixels import MONO8, MONO12_PACKED, MONO16
 from omm_core.errors import DeviceError
 

@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass
 
 from omm_camera_driver.driver import check_range
-from omm_camera_driver.drivers.choosing.v4l2 import videodev
+from omm_camera_driver.drivers.v4l2 import videodev
 from omm_core.errors import DeviceError, InputError
 
 # The names that drivers use, first the ones of today's kernels.

@@ -5,7 +5,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from omm_camera_driver.drivers.choosing.v4l2 import videodev
+from omm_camera_driver.drivers.v4l2 import videodev
 from omm_core.errors import DeviceError
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_camera_driver.driver import Camera, CameraSettings, DeviceLost, Frame, Trigger
-from omm_camera_driver.drivers.choosing.v4l2 import videodev
+from omm_camera_driver.drivers.v4l2 import videodev
 from omm_camera_driver.drivers.v4l2.controls import Controls
 from omm_camera_driver.drivers.v4l2.devices import find, open_device
 from omm_camera_driver.pixels import mono_from_yuyv
