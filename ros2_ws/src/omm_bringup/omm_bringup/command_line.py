@@ -6,25 +6,20 @@ Exit status 0 = done, 1 = the measurement failed (told why), 2 = bad input or us
 import argparse
 import importlib
 import os
+import pkgutil
 import sys
 
+from omm_bringup import commands
 from omm_core.errors import InputError, OmmError
 
-COMMANDS = {
-    "demo": "measure a part in a simulated cell and show the result beside the truth",
-    "solve": "solve a recording again, without ROS running",
-    "replay": "publish a recording to the live nodes",
-    "detect": "find coded targets in photographs",
-    "targets": "make a printable sheet of coded targets",
-    "repeatability": "6D against 7D over many clampings, as in the paper",
-    "info": "what is in a recording",
-    "export": "images and tables out of a recording",
-    "repair": "make a recording that was cut short readable",
-    "verify": "is a recording as it was recorded?",
-    "cameras": "which cameras are there",
-    "machine": "show and check the description of a machine",
-    "doctor": "what is installed, what is missing, how to get it",
-}
+COMMANDS = tuple(sorted(module.name for module in pkgutil.iter_modules(commands.__path__)))
+
+
+def summary(name: str) -> str:
+    """Return what a command does: the first line of its module, behind the colon."""
+    module = importlib.import_module(f"omm_bringup.commands.{name}")
+    first = (module.__doc__ or "").strip().splitlines()[0]
+    return first.partition(": ")[2].rstrip(".")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -36,7 +31,7 @@ def main(arguments: list[str] | None = None) -> int:
     command = importlib.import_module(f"omm_bringup.commands.{name}")
     parser = argparse.ArgumentParser(
         prog=f"./omm {name}",
-        description=f"{COMMANDS[name][0].upper()}{COMMANDS[name][1:]}".rstrip("?.") + ".",
+        description=f"{summary(name)[:1].upper()}{summary(name)[1:]}".rstrip("?.") + ".",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.add_arguments(parser)
@@ -64,8 +59,8 @@ def _usage(name: str) -> int:
     if name and name not in ("-h", "--help", "help"):
         print(f"omm: there is no command {name!r}.", file=sys.stderr)
     print("Usage: ./omm COMMAND [--help]\n", file=sys.stderr)
-    for command, summary in COMMANDS.items():
-        print(f"  {command:<14} {summary}", file=sys.stderr)
+    for command in COMMANDS:
+        print(f"  {command:<14} {summary(command)}", file=sys.stderr)
     return 0 if name in ("-h", "--help", "help") else 2
 
 
