@@ -1,0 +1,1 @@
+"""What ./omm does before it runs a command. Needs nothing but the standard library."""

@@ -1,0 +1,35 @@
+"""Start a program in the environment. None of them looks for modules in the current folder."""
+
+import os
+import shutil
+import sys
+from pathlib import Path
+
+
+def run_executable(home: Path, words: list[str], environment: dict[str, str]) -> int:
+    """Replace this process by an executable of a package; 2 where there is none."""
+    if len(words) < 2:
+        print("omm: expected: ./omm run PACKAGE EXECUTABLE [--ros-args …]", file=sys.stderr)
+        return 2
+    package, executable = words[:2]
+    folder = home / "install" / "lib" / package
+    if not (folder / executable).is_file():
+        there = ", ".join(
+            sorted(f"{p.parent.name} {p.name}" for p in folder.parent.glob("omm_*/*_node"))
+        )
+        print(
+            f"omm: no executable {executable} in package {package}. There are: {there}.",
+            file=sys.stderr,
+        )
+        return 2
+    os.execve(folder / executable, [executable, *words[2:]], environment)
+
+
+def run_tool(words: list[str], environment: dict[str, str]) -> int:
+    """Replace this process by any command of the environment; 2 where there is none."""
+    found = shutil.which(words[0], path=environment["PATH"]) if words else None
+    if found is None:
+        told = " ".join(words) or "nothing"
+        print(f"omm: expected a command to run, got {told}.", file=sys.stderr)
+        return 2
+    os.execve(found, words, environment)
