@@ -1,6 +1,9 @@
 """The layers of docs/architecture.md hold: read from the imports of every source file."""
 
 import ast
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -56,3 +59,15 @@ def test_every_package_declares_what_it_imports_of_ours() -> None:
         for name in imported_packages(package):
             if name.startswith("omm_") and name != package:
                 assert f">{name}</" in manifest, f"{package} imports {name}"
+
+
+def test_rooms_of_the_core_import_only_what_stands_below_them() -> None:
+    linted = subprocess.run(
+        [Path(sys.executable).with_name("lint-imports"), "--no-cache"],
+        cwd=SOURCES.parents[1],
+        env={**os.environ, "PYTHONPATH": str(SOURCES / "omm_core")},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert linted.returncode == 0, linted.stdout

@@ -29,7 +29,7 @@ def tables() -> str:
 
 def _class(path: str) -> type:
     module, name = path.rsplit(".", 1)
-    return getattr(importlib.import_module(module), name)  # type: ignore[no-any-return]
+    return getattr(importlib.import_module(module), name)
 
 
 def _table(node: str, kind: type) -> str:

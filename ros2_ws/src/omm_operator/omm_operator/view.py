@@ -125,5 +125,5 @@ def _targets(estimate: PartEstimate) -> Table:
     return table
 
 
-def _stamp(image: "PartEstimate.images") -> str:  # type: ignore[name-defined]
+def _stamp(image: "PartEstimate.images") -> str:
     return f"image {image.stamp.sec}.{image.stamp.nanosec:09d}"

@@ -104,7 +104,7 @@ def public_key(words: str) -> str:
         data = Path(words).read_bytes()
         ssh = data.startswith(b"ssh-")
         load = serialization.load_ssh_public_key if ssh else serialization.load_pem_public_key
-        return str(load(data).public_bytes_raw().hex())  # type: ignore[union-attr]
+        return str(load(data).public_bytes_raw().hex())
     except (ImportError, OSError, ValueError, AttributeError) as error:
         raise InputError(
             f"Expected a public key (Ed25519) in 64 digits (0-f) or a file, got {words}: {error}"

@@ -147,7 +147,7 @@ def _pixel_weights(blur_px: float, margin: int, k: int) -> Floats:
 
 
 @numba.njit(cache=True, nogil=True)
-def _reduce(fine, weights, k):  # type: ignore[no-untyped-def]
+def _reduce(fine, weights, k):
     """Weighted sums along the second axis, one per k cells."""
     rows = fine.shape[0]
     cols = (fine.shape[1] - len(weights)) // k + 1
@@ -162,7 +162,7 @@ def _reduce(fine, weights, k):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def _half_plane(distance, a, b):  # type: ignore[no-untyped-def]
+def _half_plane(distance, a, b):
     """Area of a unit square where a u + b v + distance > 0 (a, b: gradient, any scale)."""
     a, b = abs(a), abs(b)
     if a < b:
@@ -179,7 +179,7 @@ def _half_plane(distance, a, b):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def _cover(x, y, jxu, jxv, jyu, jyv, dot, inner, outer, bits, phase):  # type: ignore[no-untyped-def]
+def _cover(x, y, jxu, jxv, jyu, jyv, dot, inner, outer, bits, phase):
     """Coverage of one cell around (x, y); j..: its sides in the plane."""
     r = math.sqrt(x * x + y * y)
     if r < 1e-9:
@@ -205,7 +205,7 @@ def _cover(x, y, jxu, jxv, jyu, jyv, dot, inner, outer, bits, phase):  # type: i
 
 
 @numba.njit(cache=True, nogil=True)
-def _target_cells(x, y, k, dot, inner, outer, bits, phase):  # type: ignore[no-untyped-def]
+def _target_cells(x, y, k, dot, inner, outer, bits, phase):
     rows, cols = x.shape[0] - 2, x.shape[1] - 2
     fine = np.empty((rows * k, cols * k))
     for r in range(1, rows + 1):

@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _with_images(cell):  # type: ignore[no-untyped-def]
+def _with_images(cell):
     """Return θ of both models from rendered images, as the nodes would come to it."""
     from omm_core.session.measurement import Measurement
     from omm_simulation.offline import PoseMessage
@@ -119,7 +119,7 @@ def _fast(cell, clamping: int, args: argparse.Namespace):  # type: ignore[no-unt
     return _both(observations, cell)
 
 
-def _both(observations, cell):  # type: ignore[no-untyped-def]
+def _both(observations, cell):
     """Return θ of 6D (γ_s taken as 0, as in the paper's table 2) and of 7D."""
     from omm_core.errors import MeasurementError
     from omm_core.part_pose import SolveOptions, solve

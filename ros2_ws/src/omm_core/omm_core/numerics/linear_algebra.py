@@ -16,7 +16,7 @@ _SMALLEST_PIVOT = 1e-15
 
 
 @njit(cache=True, error_model="numpy", fastmath=_FASTMATH)
-def solve_damped(N, g, size, damping, L, step):  # type: ignore[no-untyped-def]
+def solve_damped(N, g, size, damping, L, step):
     """Fill step = -(N + damping diag N)⁻¹ g by Cholesky; False where not definite.
 
     L (size, size) is room to work in; it comes out with the inverse of its diagonal.
@@ -47,7 +47,7 @@ def solve_damped(N, g, size, damping, L, step):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", fastmath=_FASTMATH)
-def invert(N, inverse):  # type: ignore[no-untyped-def]
+def invert(N, inverse):
     """Fill the inverse of a positive definite matrix (u, u), symmetric; False where it is not.
 
     Only the lower triangle of N is read.
@@ -82,7 +82,7 @@ def invert(N, inverse):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=True)
-def product(a, b, count):  # type: ignore[no-untyped-def]
+def product(a, b, count):
     """Return the sum of a_i b_i over the first `count`; in vectors, so in no certain order."""
     total = 0.0
     for i in range(count):
@@ -91,14 +91,14 @@ def product(a, b, count):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def copy_to(target, source):  # type: ignore[no-untyped-def]
+def copy_to(target, source):
     """``target[:] = source`` for matrices; numba's own compiles five seconds at its checks."""
     for i in range(source.shape[0]):
         for j in range(source.shape[1]):
             target[i, j] = source[i, j]
 
 
-def inverse(N):  # type: ignore[no-untyped-def]
+def inverse(N):
     """Return the inverse of a positive definite matrix (u, u), symmetric; NaN where it is not."""
     inverted = np.empty(N.shape)
     if not invert(np.ascontiguousarray(N, dtype=float), inverted):

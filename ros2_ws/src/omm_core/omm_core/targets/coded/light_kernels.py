@@ -13,7 +13,7 @@ from omm_core.targets.conic.outline import square_root
 
 
 @numba.njit(cache=True, error_model="numpy")
-def ring_light(image, start, lean, inner, outer, bits, phase, s, saturation, mixed):  # type: ignore[no-untyped-def]
+def ring_light(image, start, lean, inner, outer, bits, phase, s, saturation, mixed):
     """Planes of light F and B through what lies around the dot, ring and gap.
 
     A pixel shows B + (F - B) R with R its share of the ring; where R is not almost 0 or 1 (nearer
@@ -99,7 +99,7 @@ def ring_light(image, start, lean, inner, outer, bits, phase, s, saturation, mix
 
 
 @numba.njit(cache=True, error_model="numpy")
-def ring_scatter(taken, planes):  # type: ignore[no-untyped-def]
+def ring_scatter(taken, planes):
     """Sums of squares about the planes (8,), and numbers, of all set [0] or clear [1] pixels."""
     squares, count = np.zeros(2), np.zeros(2)
     for i in range(len(taken)):
@@ -116,7 +116,7 @@ def ring_scatter(taken, planes):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def planes_of(normal, right):  # type: ignore[no-untyped-def]
+def planes_of(normal, right):
     """Solution (8,) of the normal equations of `ring_light`, and whether they can be solved."""
     scale = np.empty(8)
     for j in range(8):
@@ -145,7 +145,7 @@ _KINDS = np.array([0, 0, 0, 1, 1, 1, 0, 1])
 
 
 @numba.njit(cache=True)
-def slope_information(normal, variances, levels, clipped, read, gain, contrast, bend, unseen):  # type: ignore[no-untyped-def]
+def slope_information(normal, variances, levels, clipped, read, gain, contrast, bend, unseen):
     """Information (4, 4) of the slopes fx, fy, bx, by.
 
     Parameters

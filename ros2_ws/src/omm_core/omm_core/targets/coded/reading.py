@@ -24,7 +24,7 @@ MAX_PROFILE_RMS = 0.17
 
 
 @numba.njit(cache=True, error_model="numpy")
-def ring_profile(image, col, row, a11, a12, a22, lean_x, lean_y, radii, count):  # type: ignore[no-untyped-def]
+def ring_profile(image, col, row, a11, a12, a22, lean_x, lean_y, radii, count):
     """Mean grey value at the given radii (dot radii), at `count` angles clockwise; NaN outside.
 
     `lean` is the perspective's share: a point u of the target's plane (dot radii) is seen at
@@ -48,7 +48,7 @@ def ring_profile(image, col, row, a11, a12, a22, lean_x, lean_y, radii, count): 
 
 
 @numba.njit(cache=True, error_model="numpy")
-def read_bits(profile, bits):  # type: ignore[no-untyped-def]
+def read_bits(profile, bits):
     """Phase of the sectors and the mean over the middle half of each.
 
     Parameters
@@ -84,7 +84,7 @@ _PHI = np.array([0.5 * math.erfc(-z / math.sqrt(2.0)) for z in np.arange(-256, 2
 
 
 @numba.njit(cache=True, error_model="numpy")
-def phi(z):  # type: ignore[no-untyped-def]
+def phi(z):
     """Normal distribution to 1e-5, from a table."""
     if z >= 4.0:
         return 1.0
@@ -96,7 +96,7 @@ def phi(z):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def expected_profile(a11, a12, a22, inner, outer, bits, phase, s, radii, count):  # type: ignore[no-untyped-def]
+def expected_profile(a11, a12, a22, inner, outer, bits, phase, s, radii, count):
     """What `ring_profile` should show of the bits: 0 to 1, with the blur s (px).
 
     `phase` is where the first sector begins (rad, clockwise; within the first sector's width).
@@ -137,7 +137,7 @@ def expected_profile(a11, a12, a22, inner, outer, bits, phase, s, radii, count):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def read_ring(image, shape, lean, inner, outer, bits_count):  # type: ignore[no-untyped-def]
+def read_ring(image, shape, lean, inner, outer, bits_count):
     """Read the ring around a dot and everything that speaks for or against it.
 
     Parameters
@@ -236,7 +236,7 @@ NONE, CUT, NO_RING, UNCLEAR, COVERED, FILLED, OTHER_WIDTH = range(7)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def doubt(facts):  # type: ignore[no-untyped-def]
+def doubt(facts):
     """What speaks against a ring, from the facts of `read_ring`."""
     if math.isnan(facts[0]):
         return CUT
@@ -254,7 +254,7 @@ def doubt(facts):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def read_candidates(image, candidates, inner, outer, bits_count):  # type: ignore[no-untyped-def]
+def read_candidates(image, candidates, inner, outer, bits_count):
     """Outline and ring of all candidates, without perspective.
 
     Parameters

@@ -21,7 +21,7 @@ _ORDER = np.array([2, 10, 6, 14, 0, 8, 4, 12, 1, 9, 5, 13, 3, 11, 7, 15])
 
 
 @numba.njit(cache=True, error_model="numpy")
-def find_dots(half, step, contrast, max_run, gap_ratio, read_ratio, found):  # type: ignore[no-untyped-def]
+def find_dots(half, step, contrast, max_run, gap_ratio, read_ratio, found):
     """Write candidates to `found` and return how many there are.
 
     Parameters
@@ -92,7 +92,7 @@ def find_dots(half, step, contrast, max_run, gap_ratio, read_ratio, found):  # t
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _edges(row, steep, eights, edge_x, edge_d):  # type: ignore[no-untyped-def]
+def _edges(row, steep, eights, edge_x, edge_d):
     """Where a row is steepest in each stretch of `steep` of one sign; how many there are."""
     count = 0
     peak = np.int64(0)
@@ -114,7 +114,7 @@ def _edges(row, steep, eights, edge_x, edge_d):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _test_run(half, left, right, y, bright, contrast, gap_ratio, read_ratio, seen, found, count):  # type: ignore[no-untyped-def]
+def _test_run(half, left, right, y, bright, contrast, gap_ratio, read_ratio, seen, found, count):
     height, width = half.shape
     x = (left + right) >> 1
     sign = 1 if bright else -1
@@ -172,7 +172,7 @@ def _test_run(half, left, right, y, bright, contrast, gap_ratio, read_ratio, see
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _between(half, col, row):  # type: ignore[no-untyped-def]
+def _between(half, col, row):
     """Bilinear grey value; the place must be inside the image."""
     x, y = int(col), int(row)
     fx, fy = col - x, row - y
@@ -182,7 +182,7 @@ def _between(half, col, row):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _crossing(half, col, row, c, s, t, level, sign):  # type: ignore[no-untyped-def]
+def _crossing(half, col, row, c, s, t, level, sign):
     """Where a ray crosses the level, near step t: the nearest pixel there is the first below."""
     now = sign * (_between(half, col + t * c, row + t * s) - level)
     if now > 0.0:
@@ -198,7 +198,7 @@ def _crossing(half, col, row, c, s, t, level, sign):  # type: ignore[no-untyped-
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _ellipse(half, col, row, level, sign, reach):  # type: ignore[no-untyped-def]
+def _ellipse(half, col, row, level, sign, reach):
     """Ellipse through the first crossings of `level` on rays from (col, row)."""
     height, width = half.shape
     lengths = np.empty(RAYS)
@@ -267,7 +267,7 @@ def _ellipse(half, col, row, level, sign, reach):  # type: ignore[no-untyped-def
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _ring_like(half, col, row, xx, xy, yy, level, sign, gap_ratio, read_ratio):  # type: ignore[no-untyped-def]
+def _ring_like(half, col, row, xx, xy, yy, level, sign, gap_ratio, read_ratio):
     """Is the gap clear, and is something set at the ring's radius?"""
     height, width = half.shape
     for ratio in (gap_ratio, 0.5):

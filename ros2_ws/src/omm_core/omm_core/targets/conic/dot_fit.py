@@ -35,7 +35,7 @@ FIRST_DAMPING = 0.1
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
-def _add_flat(flat, p, read, gain, normal, right, statistics):  # type: ignore[no-untyped-def]
+def _add_flat(flat, p, read, gain, normal, right, statistics):
     """Add what the wholly set [0] and the wholly clear [1] pixels tell: of light only."""
     for kind in range(2):
         at = 6 + 3 * kind
@@ -66,7 +66,7 @@ def _add_flat(flat, p, read, gain, normal, right, statistics):  # type: ignore[n
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _add_prior(prior, mean, p, normal, right):  # type: ignore[no-untyped-def]
+def _add_prior(prior, mean, p, normal, right):
     """Add what the ring tells of the slopes (fx, fy, bx, by); return its weighted square."""
     cost = 0.0
     for j in range(4):
@@ -82,7 +82,7 @@ def _add_prior(prior, mean, p, normal, right):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _solve(normal, right, damping, scaled, scale, inverse, step):  # type: ignore[no-untyped-def]
+def _solve(normal, right, damping, scaled, scale, inverse, step):
     """Fill step, and the inverse of the normal matrix scaled to a diagonal of 1 + damping; False
     where it has none."""
     n = len(right)
@@ -105,7 +105,7 @@ def _solve(normal, right, damping, scaled, scale, inverse, step):  # type: ignor
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _centre_covariance(inverse, scale, covariance):  # type: ignore[no-untyped-def]
+def _centre_covariance(inverse, scale, covariance):
     """Fill the covariance (2, 2) of (col, row)."""
     covariance[0, 0] = inverse[0, 0] * scale[0] * scale[0]
     covariance[0, 1] = covariance[1, 0] = inverse[0, 1] * scale[0] * scale[1]
@@ -113,7 +113,7 @@ def _centre_covariance(inverse, scale, covariance):  # type: ignore[no-untyped-d
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _bold(p, step, move):  # type: ignore[no-untyped-def]
+def _bold(p, step, move):
     """Share of a step that is not too bold for a model as curved as this."""
     factor = 1.0
     if move > 1.0:
@@ -143,7 +143,7 @@ def fit_dot(
     p,
     covariance,
     statistics,
-):  # type: ignore[no-untyped-def]
+):
     """Fit the model of the module's docstring.
 
     Parameters

@@ -26,7 +26,7 @@ _ROOT2 = math.sqrt(2.0)
 
 
 @numba.njit(cache=True)
-def _phi(z):  # type: ignore[no-untyped-def]
+def _phi(z):
     return 0.5 * math.erfc(-z / _ROOT2)
 
 
@@ -37,7 +37,7 @@ _SLOPE = np.exp(-0.5 * _NODES**2) / math.sqrt(2.0 * math.pi)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _phi_and_slope(z):  # type: ignore[no-untyped-def]
+def _phi_and_slope(z):
     """Normal distribution (to 1e-8, a cubic between nodes) and density (to 1e-4), |z| <= 4.5."""
     t = (z - _NODES[0]) * _STEPS
     i = int(t)
@@ -48,7 +48,7 @@ def _phi_and_slope(z):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _ring_share(u, v, rho, length, inner, s, bits, phase):  # type: ignore[no-untyped-def]
+def _ring_share(u, v, rho, length, inner, s, bits, phase):
     """Share of the ring in a pixel inside of its inner edge (u, v in dot radii)."""
     n = len(bits)
     pitch = 2.0 * math.pi / n
@@ -62,7 +62,7 @@ def _ring_share(u, v, rho, length, inner, s, bits, phase):  # type: ignore[no-un
 
 
 @numba.njit(cache=True, error_model="numpy")
-def sort_pixels(image, start, p, inner, below, pixels, flat):  # type: ignore[no-untyped-def]
+def sort_pixels(image, start, p, inner, below, pixels, flat):
     """Part the window (the dot and the gap, up to well before the ring) into edge and flat.
 
     Parameters
@@ -124,7 +124,7 @@ in px, distance outside of the edge (px), share of the pixel that is set, slope 
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
-def place(pixels, used, p, geometry):  # type: ignore[no-untyped-def]
+def place(pixels, used, p, geometry):
     """Where the pixels lie with respect to the dot's edge."""
     s = p[5]
     bulge = 0.5 * s * s * (p[2] * p[4] - p[3] * p[3])
@@ -140,7 +140,7 @@ def place(pixels, used, p, geometry):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def shares(pixels, geometry, used, p, a11, a12, a22, inner, bits, phase):  # type: ignore[no-untyped-def]
+def shares(pixels, geometry, used, p, a11, a12, a22, inner, bits, phase):
     """How much of each pixel is set."""
     s = p[5]
     area = a11 * a22 - a12 * a12
@@ -161,7 +161,7 @@ def shares(pixels, geometry, used, p, a11, a12, a22, inner, bits, phase):  # typ
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
-def find_clipped(pixels, geometry, used, p, x0, y0, r0, read, gain, saturation, by_value, clipped):  # type: ignore[no-untyped-def]
+def find_clipped(pixels, geometry, used, p, x0, y0, r0, read, gain, saturation, by_value, clipped):
     """Which pixels tell "at least" (or "at most") only; whether there are any."""
     some = False
     for i in range(used):
@@ -180,7 +180,7 @@ def find_clipped(pixels, geometry, used, p, x0, y0, r0, read, gain, saturation, 
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
-def linearise(pixels, geometry, used, p, x0, y0, r0, read, gain, clipped, rows, rests, statistics):  # type: ignore[no-untyped-def]
+def linearise(pixels, geometry, used, p, x0, y0, r0, read, gain, clipped, rows, rests, statistics):
     """Fill weighted derivatives (12, N) and residuals (N,), 0 where clipped, and statistics."""
     x, y, xx, xy, yy = p[0], p[1], p[2], p[3], p[4]
     f0, fx, fy, b0, bx, by = p[6], p[7], p[8], p[9], p[10], p[11]

@@ -15,7 +15,7 @@ MIN_RADIUS_PX = 1.8
 
 
 @numba.njit(cache=True, error_model="numpy")
-def between(image, col, row):  # type: ignore[no-untyped-def]
+def between(image, col, row):
     """Bilinear grey value; the place must be inside the image (see `inside`)."""
     x, y = int(col), int(row)
     fx, fy = col - x, row - y
@@ -25,14 +25,14 @@ def between(image, col, row):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def inside(image, col, row):  # type: ignore[no-untyped-def]
+def inside(image, col, row):
     """Has a place four pixels around it?"""
     height, width = image.shape
     return 0.0 <= col <= width - 1.001 and 0.0 <= row <= height - 1.001
 
 
 @numba.njit(cache=True, error_model="numpy")
-def within_any(conics, count, col, row, ratio):  # type: ignore[no-untyped-def]
+def within_any(conics, count, col, row, ratio):
     """Lies a point within `ratio` times one of the first `count` ellipses (N, 5)?"""
     for i in range(count):
         dx, dy = col - conics[i, 0], row - conics[i, 1]
@@ -43,7 +43,7 @@ def within_any(conics, count, col, row, ratio):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def square_root(xx, xy, yy):  # type: ignore[no-untyped-def]
+def square_root(xx, xy, yy):
     """A with A A = M⁻¹ (symmetric): maps the unit circle to the ellipse xᵀ M x = 1."""
     det = xx * yy - xy * xy
     ixx, ixy, iyy = yy / det, -xy / det, xx / det
@@ -53,7 +53,7 @@ def square_root(xx, xy, yy):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def semi_axes(xx, xy, yy):  # type: ignore[no-untyped-def]
+def semi_axes(xx, xy, yy):
     """Smaller and larger semi-axis of the ellipse xᵀ M x = 1."""
     a11, a12, a22 = square_root(xx, xy, yy)
     mean, half = 0.5 * (a11 + a22), 0.5 * math.sqrt((a11 - a22) ** 2 + 4.0 * a12 * a12)
@@ -61,7 +61,7 @@ def semi_axes(xx, xy, yy):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def outline(image, col, row, xx, xy, yy, sign):  # type: ignore[no-untyped-def]
+def outline(image, col, row, xx, xy, yy, sign):
     """Ellipse through the half levels of the dot's edge on rays from its centre.
 
     Returns
@@ -147,7 +147,7 @@ def outline(image, col, row, xx, xy, yy, sign):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def dot_outline(image, candidate):  # type: ignore[no-untyped-def]
+def dot_outline(image, candidate):
     """`outline` of a candidate (6,); and whether it is that of a dot that can be read."""
     shape, ok = outline(
         image,
@@ -166,7 +166,7 @@ def dot_outline(image, candidate):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _conic(points, count, conic):  # type: ignore[no-untyped-def]
+def _conic(points, count, conic):
     """Fill (a, b, c, d, e): least squares a u² + 2 b u v + c v² + d u + e v = 1 through points near
     the unit circle; False where they do not fix it."""
     normal = np.zeros((5, 5))
