@@ -1,0 +1,208 @@
+"""Gauss-Newton on dense, scaled normal equations, with what they cannot tell found by algebra."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omm_core.adjustment.normal_equations import Linearised, cost_of, linearise
+from omm_core.adjustment.problem import Problem, Values
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+# Smallest eigenvalue of the scaled normal matrix (unit diagonal) that counts as information:
+# what is left of an exactly undetermined direction after rounding lies below 1e-12.
+UNDETERMINED = 1e-11
+_DAMPING_STEPS = 14
+# Added to the scaled diagonal: rounding does not carry undetermined directions away.
+_LOST = 1e-11
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Undetermined:
+    """A direction among the unknowns about which nothing is known.
+
+    Attributes
+    ----------
+    direction : (U,) array
+        In the units of the unknowns; the largest scaled part is 1 of its own sigma.
+    labels : tuple of str
+        Unknowns that take part, the strongest first.
+    """
+
+    direction: Array
+    labels: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Solution:
+    """What came out.
+
+    Attributes
+    ----------
+    values : mapping
+        By group, (n, k); fixed groups included.
+    covariance : (U, U) array
+        Of all adjusted unknowns, a priori (sigma0 = 1); zero for held ones.
+    slices : mapping
+        Where each adjusted group stands in it.
+    residuals : mapping
+        By block: observed minus predicted, (m, d).
+    cost, degrees_of_freedom, sigma0 : float, int, float
+        sigma0 is NaN without redundancy.
+    undetermined : tuple of Undetermined
+    """
+
+    values: dict[str, Array]
+    covariance: Array
+    slices: dict[str, slice]
+    residuals: dict[str, Array]
+    derivatives: dict[str, dict[str, Array]]
+    cost: float
+    degrees_of_freedom: int
+    sigma0: float
+    iterations: int
+    converged: bool
+    undetermined: tuple[Undetermined, ...] = ()
+
+    def covariance_of(self, group: str) -> Array:
+        """Return the covariance (n k, n k) of one group."""
+        part = self.slices[group]
+        return self.covariance[part, part]
+
+
+def solve(
+    problem: Problem, *, iterations: int = 50, tolerance: float = 1e-5, undetermined: bool = True
+) -> Solution:
+    """Adjust.
+
+    Parameters
+    ----------
+    problem : Problem
+    iterations : int
+        At most.
+    tolerance : float
+        Ends when a step moves the result by less than this many sigma in any direction.
+    undetermined : bool
+        Whether to look for undetermined directions; without, they raise LinAlgError.
+    """
+    values: dict[str, Array] = {group.name: np.array(group.values) for group in problem.groups}
+    free, datum = problem.free(), problem.datum_matrix()
+    converged, count = False, 0
+    at = linearise(problem, values)
+    while count < iterations and not converged:
+        count += 1
+        system = _Scaled(at, free, datum)
+        values, at, moved = _improve(problem, values, at, system, free)
+        converged = moved < tolerance
+    system = _Scaled(at, free, datum)
+    covariance = np.zeros((len(free), len(free)))
+    inverse, directions = system.covariance(look=undetermined)
+    covariance[np.ix_(free, free)] = inverse
+    unknowns = int(free.sum()) - datum.shape[1] - len(directions)
+    degrees = _observations(problem) - unknowns
+    return Solution(
+        values=values,
+        covariance=covariance,
+        slices=problem.slices(),
+        residuals=at.residuals,
+        derivatives=at.derivatives,
+        cost=at.cost,
+        degrees_of_freedom=degrees,
+        sigma0=float(np.sqrt(at.cost / degrees)) if degrees > 0 else float("nan"),
+        iterations=count,
+        converged=converged,
+        undetermined=tuple(_named(problem, free, d, system.scale) for d in directions),
+    )
+
+
+class _Scaled:
+    """The normal equations of the free unknowns, scaled to a unit diagonal."""
+
+    def __init__(self, at: Linearised, free: Mask, datum: Array) -> None:
+        diagonal = np.diag(at.normal)[free]
+        self.scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+        picked = at.normal if free.all() else at.normal[np.ix_(free, free)]
+        self.normal = picked * self.scale[:, None] * self.scale[None, :]
+        self.right = at.right[free] * self.scale
+        # Only the space that G spans matters, so its columns may be made orthonormal.
+        self.datum = np.linalg.qr(datum[free] * self.scale[:, None])[0] if datum.size else None
+        self.matrix = self.normal if self.datum is None else self.normal + self.datum @ self.datum.T
+
+    def step(self, damping: float) -> Array:
+        """Return the step in the unknowns' own units."""
+        matrix = self.matrix + np.diag(np.full(len(self.matrix), damping + _LOST))
+        return np.asarray(self.scale * np.linalg.solve(matrix, self.right))
+
+    def covariance(self, *, look: bool) -> tuple[Array, list[Array]]:
+        """Return the covariance and the undetermined directions, in the unknowns' own units."""
+        directions: list[Array] = []
+        inverse = np.diag(np.full(len(self.matrix), np.inf))
+        try:
+            np.linalg.cholesky(self.matrix)
+            inverse = np.linalg.inv(self.matrix)
+        except np.linalg.LinAlgError:
+            if not look:
+                raise
+        if look and len(inverse) and np.diag(inverse).max() > 0.01 / UNDETERMINED:
+            values, vectors = np.linalg.eigh(self.matrix)
+            lost = values < UNDETERMINED
+            directions = [vectors[:, i] * self.scale for i in np.flatnonzero(lost)]
+            inverse = (vectors[:, ~lost] / values[~lost]) @ vectors[:, ~lost].T
+        if self.datum is not None:  # (N + G Gᵀ)⁻¹ less the part that the datum made up
+            made_up = inverse @ self.datum
+            inverse = inverse - made_up @ made_up.T
+        return inverse * self.scale[:, None] * self.scale[None, :], directions
+
+
+def _improve(
+    problem: Problem, values: dict[str, Array], at: Linearised, system: _Scaled, free: Mask
+) -> tuple[dict[str, Array], Linearised, float]:
+    """Take the step that lowers the cost; damp it until it does."""
+    damping = 0.0
+    for _ in range(_DAMPING_STEPS):
+        step = system.step(damping)
+        # The squared way in sigmas is what the step promises the cost to fall by.
+        moved = float(np.sqrt(max(float(step @ (system.right / system.scale)), 0.0)))
+        tried = _moved(problem, values, step, free)
+        cost = cost_of(problem, tried)
+        if cost <= at.cost * (1.0 + 1e-12) + 1e-12:
+            return tried, linearise(problem, tried), moved
+        if moved < 1e-3 and np.isfinite(cost):  # rounding: there is nothing left to gain
+            return values, at, 0.0
+        damping = max(10.0 * damping, 1e-4)
+    return values, at, float("inf")
+
+
+def _moved(problem: Problem, values: Values, step: Array, free: Mask) -> dict[str, Array]:
+    whole = np.zeros(len(free))
+    whole[free] = step
+    moved = dict(values)
+    for group in problem.adjusted():
+        part = whole[problem.slices()[group.name]].reshape(group.values.shape)
+        old = values[group.name]
+        moved[group.name] = old + part if group.update is None else group.update(old, part)
+    return moved
+
+
+def _observations(problem: Problem) -> int:
+    count = 0
+    for block in problem.blocks:
+        m, d = np.shape(block.observed)
+        count += d * (m if block.used is None else int(block.used.sum()))
+    for group in problem.adjusted():
+        weight = group.weight()
+        if weight is not None:
+            count += int((weight > 0).sum()) if weight.ndim == 1 else len(weight)
+    return count
+
+
+def _named(problem: Problem, free: Mask, direction: Array, scale: Array) -> Undetermined:
+    whole, scaled = np.zeros(len(free)), np.zeros(len(free))
+    whole[free], scaled[free] = direction, np.abs(direction / scale)
+    labels = problem.labels()
+    order = [i for i in np.argsort(-scaled) if scaled[i] > 0.05 * scaled.max()]
+    return Undetermined(direction=whole, labels=tuple(labels[i] for i in order))
