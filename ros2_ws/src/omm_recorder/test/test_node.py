@@ -160,6 +160,36 @@ def test_records_every_byte_and_ends_cleanly(
     assert tally[POSES]["missing_from_publisher"] == tally[POSES]["lost_by_recorder"] == 0
 
 
+@pytest.mark.parametrize(
+    "wishes",
+    [[signal.SIGINT] * 2, [signal.SIGTERM] * 2, [signal.SIGINT, signal.SIGTERM] * 20],
+    ids=["two SIGINT", "two SIGTERM", "forty of both"],
+)
+def test_a_recording_that_is_being_closed_is_closed_whatever_comes(
+    node: Any, start: Any, tmp_path: Path, messages: Any, wishes: list[signal.Signals]
+) -> None:
+    recorder = start("node", folder=tmp_path / "run")
+    images = publisher(node, IMAGES, "sensor_msgs/msg/Image")
+    random = np.random.default_rng(1)
+    sent = [
+        messages.image(k + 1, random.integers(0, 255, (1944, 2592), dtype=np.uint8))
+        for k in range(8)
+    ]
+    for image in sent:
+        images.publish(image)
+        time.sleep(0.1)
+    assert images.wait_for_all_acked(rclpy.duration.Duration(seconds=30))
+    for wish in wishes:
+        if recorder.poll() is None:
+            recorder.send_signal(wish)
+        time.sleep(0.005)
+    _, errors = recorder.communicate(timeout=60)
+    assert recorder.returncode == 0, errors
+    assert "Traceback" not in errors
+    assert recorded(tmp_path / "run", IMAGES) == sent
+    assert verify(tmp_path / "run" / "run.mcap").intact
+
+
 def test_kill_9_leaves_what_was_recorded(
     node: Any, start: Any, tmp_path: Path, messages: Any
 ) -> None:

@@ -4,7 +4,6 @@ import os
 import signal
 import sys
 from collections.abc import Callable
-from types import FrameType
 
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError
@@ -19,6 +18,7 @@ from rclpy.node import Node
 
 from omm_core.errors import InputError, OmmError
 from omm_ros import transport
+from omm_ros.interrupt import Interrupts
 
 AUTOSTART = "autostart"
 
@@ -32,7 +32,8 @@ def run_node(
 ) -> int:
     """Run one node until it is told to end (Ctrl-C, SIGTERM, shutdown of the context).
 
-    It ends after the callback that runs; a second Ctrl-C interrupts that one, too.
+    It ends after the callback that runs; a second Ctrl-C, a second later, interrupts that one, too.
+    Once it is closing, no signal interrupts it.
 
     A lifecycle node configures and activates itself unless its parameter `autostart` is false,
     so that `ros2 run` works without a manager. A node that computes gives way to those that must
@@ -46,7 +47,8 @@ def run_node(
     os.nice(niceness)
     # rclpy ends ROS at the first Ctrl-C. Python's own answer would come on top, and out of nowhere:
     # in the middle of taking a message, rclpy makes a RuntimeError of it.
-    signal.signal(signal.SIGINT, _wait_for_the_second)
+    interrupts = Interrupts()
+    signal.signal(signal.SIGINT, interrupts)
     rclpy.init(args=arguments)
     node = None
     executor = None
@@ -70,16 +72,13 @@ def run_node(
     except OmmError as error:
         return _failed(node, error, 1)
     finally:
+        interrupts.close()
         if executor is not None:
             executor.shutdown(timeout_sec=1.0)
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
-
-
-def _wait_for_the_second(number: int, frame: FrameType | None) -> None:
-    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _autostart(node: LifecycleNode) -> None:
