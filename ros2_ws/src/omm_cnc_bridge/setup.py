@@ -11,7 +11,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
         ("share/" + package_name, ["package.xml"]),
-        ("share/" + package_name + "/machines", glob("machines/*.urdf")),
+        ("share/" + package_name + "/machines", glob("machines/*")),
         ("share/" + package_name + "/linuxcnc", glob("linuxcnc/*")),
         ("share/" + package_name + "/controls", glob("controls/*")),
     ],

@@ -65,6 +65,12 @@ class ControlSample:
     """Measured position by axis name, mm or rad."""
     commanded: Mapping[str, float] = field(default_factory=dict)
     """Commanded position by axis name, mm or rad; axes are missing where the control is silent."""
+    unusable: Mapping[str, str] = field(default_factory=dict)
+    """Why a position that the control has cannot be used, by axis; refused unless ignored."""
+    followers: Mapping[str, str] = field(default_factory=dict)
+    """Axis that each second drive goes with (gantry), as the control's configuration says."""
+    notes: tuple[str, ...] = ()
+    """What was chosen where the control says a thing twice; told once."""
     in_position: bool | None = None
     """The control's own word; None where it has none."""
     fault: str | None = None

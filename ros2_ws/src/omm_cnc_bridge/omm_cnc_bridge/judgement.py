@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -80,7 +80,8 @@ class Judge:
         pose, axes = None, sample.positions
         if not refused:
             try:
-                axes = self._axes(sample.positions)
+                own = self._own(sample.positions)
+                axes = self._axes(own)
                 pose = self.machine.machine_T_spindle(axes)
             except InputError as error:
                 refused = str(error)
@@ -89,7 +90,7 @@ class Judge:
             self._still.forget()  # nothing is known of the time that it stood for
         else:
             self._last_ns = sample.stamp_ns
-        moving = refused or self._still.update(sample)
+        moving = refused or self._still.update(self._seen(sample))
         return Judgement(
             sample=sample,
             axes=axes,
@@ -121,7 +122,34 @@ class Judge:
         if age_ns < -self._limits.stamp_uncertainty_ns:
             self.refusals["future"] += 1
             return f"stamped {-age_ns / 1e9:.3f} s in the future"
-        return ""
+        refusal = self.machine.rules.refusal(
+            sample.positions, sample.unusable, sample.followers, self._known()
+        )
+        if refusal:
+            self.refusals["axis"] += 1
+        return refusal
+
+    def _known(self) -> dict[str, bool]:
+        """Names that positions may have, and whether each turns."""
+        if self._reported is Reported.AXES:
+            return self.machine.turning
+        return dict.fromkeys(("X", "Y", "Z"), False) | self.machine.turning
+
+    def _own(self, positions: Mapping[str, float]) -> dict[str, float]:
+        """Those that the spindle's pose is made of."""
+        known = self._known()
+        return {axis: value for axis, value in positions.items() if axis in known}
+
+    def _seen(self, sample: ControlSample) -> ControlSample:
+        """The sample without the axes that are ignored: they may move while the spindle stands."""
+        ignored = self.machine.rules.ignored
+        if not ignored:
+            return sample
+        return replace(
+            sample,
+            positions={a: v for a, v in sample.positions.items() if a not in ignored},
+            commanded={a: v for a, v in sample.commanded.items() if a not in ignored},
+        )
 
     def _axes(self, positions: Mapping[str, float]) -> Mapping[str, float]:
         if self._reported is Reported.AXES:

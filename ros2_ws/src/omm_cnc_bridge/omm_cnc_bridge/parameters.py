@@ -14,7 +14,9 @@ class Parameters:
 
     control: str = parameter("simulated", "Kind of control.", choices=CONTROLS)
     machine_file: str = parameter(
-        "", "URDF of the machine; may be left out with the simulated control, which knows its own."
+        "",
+        "URDF of the machine, or a machine.yaml that names it; may be left out with the simulated "
+        "control, which knows its own.",
     )
     reported: str = parameter(
         "axes",

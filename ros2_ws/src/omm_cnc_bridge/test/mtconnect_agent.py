@@ -52,8 +52,10 @@ GOOD = {"avail": "AVAILABLE", "xa": 71.45, "xc": 71.45, "ya": -2, "ba": 90, "xw"
 class Agent:
     """Serves what ``tell`` is given, from a buffer of ``size`` observations."""
 
-    def __init__(self, version: str = "1.7", size: int = 4096, port: int = 0) -> None:
+    def __init__(self, version: str = "1.7", size: int = 4096, port: int = 0, *,
+                 strict: bool = False, refuse: bool = False) -> None:  # fmt: skip
         self.version, self.size = version, size
+        self.strict, self.refuse = strict, refuse
         self.instance = 1
         self.clock_s = 0.0
         self.hang = False
@@ -144,6 +146,18 @@ class Agent:
                 self.wfile.write(body)
 
             def _stream(self, query: dict[str, list[str]]) -> None:
+                if agent.refuse or (agent.strict and int(query["count"][0]) > agent.size):
+                    body = (
+                        '<MTConnectError><Header/><Errors><Error errorCode="OUT_OF_RANGE">'
+                        f"'count' must be less than {agent.size + 1}</Error></Errors>"
+                        "</MTConnectError>"
+                    ).encode()
+                    self.send_response(404)
+                    self.send_header("Content-Type", "text/xml")
+                    self.send_header("Content-Length", str(len(body)))
+                    self.end_headers()
+                    self.wfile.write(body)
+                    return
                 kind = "mixed" if agent.version >= "2" else "x-mixed-replace"
                 self.send_response(200)
                 self.send_header("Content-Type", f"multipart/{kind};boundary={BOUNDARY}")

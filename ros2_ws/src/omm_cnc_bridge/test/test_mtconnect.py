@@ -91,7 +91,7 @@ def test_at_rest_heartbeats_make_samples_that_admit_their_interval(control):
 def test_unavailable_is_a_fault(agent, control):
     read(control, 0.3)
     agent.tell(xa="UNAVAILABLE")
-    assert "X: UNAVAILABLE" in read(control, 2.0, lambda s: s.fault is not None)[-1].fault
+    assert read(control, 2.0, lambda s: s.unusable)[-1].unusable == {"X": "UNAVAILABLE"}
     agent.tell(avail="UNAVAILABLE")
     last = read(control, 2.0, lambda s: "agent" in (s.fault or ""))[-1]
     assert "does not hear the control" in last.fault

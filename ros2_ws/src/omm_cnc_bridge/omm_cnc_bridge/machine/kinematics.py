@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from omm_cnc_bridge.machine.axis_rules import AxisRules, read_machine_file
 from omm_cnc_bridge.machine.urdf import Joint, Robot, load_urdf
 from omm_core.errors import InputError
 from omm_core.geometry import RigidTransform
@@ -59,11 +60,19 @@ class Machine:
     spindle, part_carrier : str
         Links whose relative pose is wanted. ``part_carrier`` is the root link where the URDF has no
         link of that name.
+    rules : AxisRules
+        What becomes of axes that a control reports besides.
     """
 
     def __init__(
-        self, robot: Robot, *, spindle: str = "spindle", part_carrier: str = "part_carrier"
+        self,
+        robot: Robot,
+        *,
+        spindle: str = "spindle",
+        part_carrier: str = "part_carrier",
+        rules: AxisRules | None = None,
     ) -> None:
+        self.rules = rules or AxisRules()
         self.name = robot.name
         self.robot = robot
         self._to_tool = robot.chain(spindle)
@@ -82,6 +91,8 @@ class Machine:
         part = [_axis(j, Side.PART) for j in self._to_part if j.movable]
         self.axes: tuple[Axis, ...] = (*part, *tool)
         self.rotary = frozenset(a.name for a in self.axes if a.rotary)
+        self.turning = {joint.name: joint.rotary for joint in robot.joints if joint.movable}
+        """Every axis of the URDF, those that move neither tool nor part included: does it turn?"""
         if not self.axes:
             raise InputError(f"Expected axes between {spindle} and the part of {robot.name}.")
         zero = {axis.name: 0.0 for axis in self.axes}
@@ -89,10 +100,11 @@ class Machine:
 
     @classmethod
     def load(cls, path: str | Path) -> Machine:
-        """Read a URDF file. Raises InputError where it does not describe a machine."""
-        robot = load_urdf(Path(path))
+        """Read a URDF or a machine.yaml. Raises InputError where it describes no machine."""
+        urdf, rules = read_machine_file(Path(path))
+        robot = load_urdf(urdf)
         try:
-            return cls(robot)
+            return cls(robot, rules=rules)
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
 

@@ -64,7 +64,9 @@ class LinuxCncControl:
         self.clock = ControlClock()
         self._reader = tuple(reader or LOCAL_READER)
         self._options = ("--rate-hz", str(rate_hz), *(("--poll",) if poll else ()))
-        self._joint_names = tuple(joint_names)
+        self._given_names = tuple(joint_names)
+        self._names: tuple[str, ...] = ()
+        self._followers: dict[str, str] = {}
         self._program_file = program_file
         self._child: subprocess.Popen[bytes] | None = None
         self._rest = b""
@@ -97,7 +99,11 @@ class LinuxCncControl:
     def read(self, timeout_s: float) -> Sequence[ControlSample]:
         samples: list[ControlSample] = []
         for line in self._lines(timeout_s):
-            message = json.loads(line)
+            try:
+                message = json.loads(line)
+            except ValueError as error:
+                text = line[:80].decode(errors="replace")
+                raise DeviceError(f"LinuxCNC's reader says {text!r}, which is no JSON.") from error
             if "samples" in message:
                 received_ns = time.monotonic_ns()
                 samples += [self._sample(row, received_ns) for row in message["samples"]]
@@ -191,13 +197,9 @@ class LinuxCncControl:
 
     def _on_hello(self, hello: dict[str, Any]) -> None:
         self._hello = hello
-        if not self._joint_names:
-            self._joint_names = tuple(hello["letters"])
-        if len(set(self._joint_names)) != hello["joints"]:
-            raise DeviceError(
-                f"Expected a name for each of {hello['joints']} joints, got "
-                f"{', '.join(self._joint_names)}. Set the parameter linuxcnc_joints."
-            )
+        self._names, self._followers = joint_axes(
+            self._given_names, hello["letters"], hello["joints"]
+        )
 
     # --- samples -------------------------------------------------------------------------------
 
@@ -218,6 +220,7 @@ class LinuxCncControl:
             stamp_ns=ros_from_monotonic_ns(ours_ns),
             stamp_uncertainty_ns=uncertainty_ns,
             positions=self._named(measured),
+            followers=self._followers,
             commanded=self._named(commanded),
             in_position=bool(in_position),
             fault=self._fault(),
@@ -237,13 +240,13 @@ class LinuxCncControl:
         rotary = self._hello["rotary"]
         return {
             name: value / (per_rad if turns else per_mm)
-            for name, value, turns in zip(self._joint_names, values, rotary)
+            for name, value, turns in zip(self._names, values, rotary)
         }
 
     def _fault(self) -> str | None:
         if not self._status:
             return "LinuxCNC's status is not known yet"
-        homed = zip(self._joint_names, self._status["homed"])
+        homed = zip(self._names, self._status["homed"])
         lost = [name for name, is_homed in homed if not is_homed]
         return f"not referenced: {', '.join(lost)}" if lost else None
 
@@ -273,6 +276,41 @@ class SimulatedLinuxCnc(LinuxCncControl):
         """Where the spindle truly was since the last call."""
         truth, self._truth = self._truth, []
         return truth
+
+
+def joint_axes(
+    given: Sequence[str], letters: str, joints: int
+) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Name of each joint's axis, and which of them are further drives of another.
+
+    A gantry has two joints of one letter (coordinates=XYYZ). The second becomes Y2 and follows Y,
+    whether the letters or the parameter linuxcnc_joints say so.
+
+    Raises
+    ------
+    DeviceError
+        Where there are not as many names as joints.
+    """
+    told = tuple(given or letters)
+    if len(told) != joints:
+        raise DeviceError(
+            f"Expected a name for each of {joints} joints, got {', '.join(told) or 'none'}. List "
+            f"{joints} axes in the parameter linuxcnc_joints, in the order of the joints; the "
+            "second drive of a gantry may bear its axis's name again: [X, Y, Y, Z]."
+        )
+    names: list[str] = []
+    for name in told:
+        count, numbered = 1, name
+        while numbered in names:
+            count += 1
+            numbered = f"{name}{count}"
+        names.append(numbered)
+    # Where names were given, the configuration still knows which joints are one axis.
+    by = tuple(letters) if given and len(set(told)) == joints == len(letters) else told
+    followers = {
+        names[i]: names[by.index(letter)] for i, letter in enumerate(by) if by.index(letter) < i
+    }
+    return tuple(names), followers
 
 
 def _program_state(status: dict[str, Any]) -> ProgramState:

@@ -19,9 +19,9 @@ from urllib.parse import quote, urlsplit
 
 from omm_cnc_bridge.clock import ControlClock, ros_from_monotonic_ns
 from omm_cnc_bridge.control import ControlSample, Mode, ProgramState
+from omm_cnc_bridge.controls.mtconnect.meaning import Device, Item
 from omm_cnc_bridge.controls.mtconnect.model import (
     Document,
-    Item,
     Observation,
     read_device,
     read_document,
@@ -30,6 +30,9 @@ from omm_core.errors import DeviceError
 
 HEARTBEAT_MS = 20
 COUNT = 1000
+ATTEMPTS = (
+    5  # an agent with a small buffer may have dropped what we ask for by the time it hears it
+)
 SILENCE_S = 5.0
 UNAVAILABLE = "UNAVAILABLE"
 _MODES = {
@@ -64,7 +67,7 @@ class MtConnectControl:
         self._interval_ms = max(1, round(1e3 / rate_hz))
         self._connection: http.client.HTTPConnection | None = None
         self._parts: MultipartReader | None = None
-        self._items: dict[str, Item] = {}
+        self._described = Device(items={})
         self._texts: dict[str, str] = {}
         self._instance = ""
         self._next = 0
@@ -73,8 +76,8 @@ class MtConnectControl:
         self.close()
         self.clock = ControlClock()
         try:
-            self._items = read_device(self._get("/probe"), self._device)
-            self._resynchronise()
+            self._described = read_device(self._get("/probe"), self._device)
+            self._resynchronise(ATTEMPTS)
         except (OSError, http.client.HTTPException) as error:
             raise DeviceError(f"MTConnect agent {self._url.geturl()}: {error}.") from error
 
@@ -115,14 +118,22 @@ class MtConnectControl:
         with contextlib.closing(connection), response:
             return response.read()
 
-    def _resynchronise(self) -> None:
+    def _resynchronise(self, attempts: int) -> None:
         """Take the present values, then everything that comes after them."""
         current = read_document(self._get("/current"))
         self._instance, self._next = current.instance_id, current.next_sequence
         self._texts = {o.item_id: o.text for o in current.observations}
-        query = f"interval={self._interval_ms}&heartbeat={HEARTBEAT_MS}&count={COUNT}"
+        # An agent refuses to be asked for more than it keeps.
+        count = max(1, min(COUNT, current.buffer_size - 1)) if current.buffer_size else COUNT
+        query = f"interval={self._interval_ms}&heartbeat={HEARTBEAT_MS}&count={count}"
         self._connection, response = self._open(f"/sample?from={self._next}&{query}")
-        self._parts = MultipartReader(response)
+        try:
+            self._parts = MultipartReader(response)
+        except DeviceError as error:
+            self.close()
+            if attempts <= 1 or "OUT_OF_RANGE" not in str(error):
+                raise
+            self._resynchronise(attempts - 1)
 
     # --- samples -------------------------------------------------------------------------------
 
@@ -147,9 +158,9 @@ class MtConnectControl:
 
     def _is_position(self, news: list[Observation], stamp_ns: int) -> bool:
         roles = {
-            self._items[o.item_id].role
+            self._described.items[o.item_id].role
             for o in news
-            if o.stamp_ns == stamp_ns and o.item_id in self._items
+            if o.stamp_ns == stamp_ns and o.item_id in self._described.items
         }
         return bool(roles & {"measured", "path"})
 
@@ -159,12 +170,14 @@ class MtConnectControl:
         return [self._sample(received_ns - round(half_ns), round(half_ns / math.sqrt(3.0)))]
 
     def _sample(self, ours_ns: int, uncertainty_ns: int) -> ControlSample:
-        positions = self._values("measured") or self._path()
+        measured, unusable = self._values("measured")
+        positions = measured or self._path(unusable)
         return ControlSample(
             stamp_ns=ros_from_monotonic_ns(ours_ns),
             stamp_uncertainty_ns=uncertainty_ns,
             positions=positions,
-            commanded=self._values("commanded"),
+            unusable=unusable,
+            commanded=self._values("commanded")[0],
             in_position=self._in_position(),
             fault=self._fault(),
             mode=_MODES.get(self._event("mode"), Mode.UNKNOWN),
@@ -176,23 +189,33 @@ class MtConnectControl:
     def _texts_of(self, role: str) -> list[tuple[Item, str]]:
         return [
             (item, self._texts.get(item_id, UNAVAILABLE))
-            for item_id, item in self._items.items()
+            for item_id, item in self._described.items.items()
             if item.role == role
         ]
 
-    def _values(self, role: str) -> dict[str, float]:
-        return {
-            item.axis: float(text) * item.scale
-            for item, text in self._texts_of(role)
-            if text != UNAVAILABLE
-        }
+    def _values(self, role: str) -> tuple[dict[str, float], dict[str, str]]:
+        """Positions by axis, and why others cannot be used."""
+        values: dict[str, float] = {}
+        unusable = dict(self._described.unusable)
+        for item, text in self._texts_of(role):
+            value = _number(text)
+            if value is None:
+                unusable[item.axis] = text if text == UNAVAILABLE else f"{text!r} is no number"
+            else:
+                values[item.axis] = value * item.scale
+        return values, unusable
 
-    def _path(self) -> dict[str, float]:
+    def _path(self, unusable: dict[str, str]) -> dict[str, float]:
         """The tool point, of a control that tells no axes (parameter reported: tool_point)."""
         for item, text in self._texts_of("path"):
-            if text != UNAVAILABLE:
-                values = (float(word) * item.scale for word in text.split())
-                return dict(zip("XYZ", values)) | self._values("measured")
+            if text == UNAVAILABLE:
+                continue
+            values = [_number(word) for word in text.split()]
+            if len(values) != 3 or None in values:
+                unusable["tool point"] = f"{text!r} is not three numbers"
+                return {}
+            scaled = (value * item.scale for value in values if value is not None)
+            return dict(zip("XYZ", scaled))
         return {}
 
     def _event(self, role: str) -> str:
@@ -205,8 +228,7 @@ class MtConnectControl:
     def _fault(self) -> str | None:
         if any(text == UNAVAILABLE for _, text in self._texts_of("availability")):
             return "the agent does not hear the control (UNAVAILABLE)"
-        lost = [item.axis for item, text in self._texts_of("measured") if text == UNAVAILABLE]
-        return f"{', '.join(lost)}: UNAVAILABLE" if lost else None
+        return None
 
 
 class MultipartReader:
@@ -219,7 +241,8 @@ class MultipartReader:
         kind = response.headers.get_content_type()
         boundary = response.headers.get_param("boundary")
         if not kind.startswith("multipart/") or not isinstance(boundary, str):
-            raise DeviceError(f"MTConnect: expected a multipart stream, got {kind}.")
+            with response:
+                raise DeviceError(_refusal(kind, response.read(1 << 16)))
         self._response = response
         self._boundary = b"--" + boundary.removeprefix("--").encode()
         self._data = b""
@@ -274,9 +297,30 @@ class MultipartReader:
         return parts
 
 
+def _refusal(kind: str, body: bytes) -> str:
+    """Why there is no stream: in the agent's own words where it has some."""
+    try:
+        read_document(body)
+    except DeviceError as error:
+        if "the agent says" in str(error):
+            return str(error)
+    return f"MTConnect: expected a multipart stream, got {kind}."
+
+
+def _number(text: str) -> float | None:
+    """A finite number; None where the text is none (an agent passes on what an adapter sends)."""
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
 def _content_length(head: bytes) -> int:
     for line in head.split(b"\r\n"):
         name, _, value = line.partition(b":")
         if name.strip().lower() == b"content-length":
+            if not value.strip().isdigit():
+                break
             return int(value)
     raise DeviceError("MTConnect: expected the length of a part, its head has none.")

@@ -8,19 +8,21 @@ from __future__ import annotations
 import calendar
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
 from dataclasses import dataclass
 
+from omm_cnc_bridge.controls.mtconnect.meaning import (
+    Device,
+    Item,
+    Unfit,
+    axis_items,
+    coordinate_systems,
+    data_items,
+    join,
+    path_item,
+    tag,
+)
 from omm_core.errors import DeviceError, InputError
 
-UNITS = {
-    "MILLIMETER": 1.0,
-    "MILLIMETER_3D": 1.0,
-    "METER": 1000.0,
-    "INCH": 25.4,
-    "RADIAN": 1.0,
-    "DEGREE": 0.017453292519943295,
-}
 _EVENTS = {
     "EXECUTION": "execution",
     "CONTROLLER_MODE": "mode",
@@ -30,16 +32,6 @@ _EVENTS = {
     "AVAILABILITY": "availability",
 }
 _STAMP = re.compile(r"(\d+)-(\d+)-(\d+)T(\d+):(\d+):(\d+)(?:\.(\d+))?Z?")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Item:
-    """What one data item of the device means to us."""
-
-    role: str
-    """``measured``, ``commanded``, ``path``, ``axis_state``, or an event of the controller."""
-    axis: str = ""
-    scale: float = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,11 +52,13 @@ class Document:
     instance_id: str
     first_sequence: int
     next_sequence: int
+    buffer_size: int
+    """How many observations the agent keeps; 0 where it does not tell."""
     observations: tuple[Observation, ...]
 
 
-def read_device(text: bytes, name: str) -> dict[str, Item]:
-    """Items of the device model by their id (answer to ``/probe``).
+def read_device(text: bytes, name: str) -> Device:
+    """What is read of the device (answer to ``/probe``).
 
     Raises
     ------
@@ -72,71 +66,51 @@ def read_device(text: bytes, name: str) -> dict[str, Item]:
         Where there is no such device, or it tells no positions of axes in machine coordinates.
     """
     root = _parse(text)
-    devices = [e for e in root.iter() if _tag(e) == "Device"]
+    if tag(root) != "MTConnectDevices":
+        raise DeviceError(f"MTConnect: the agent says {_words_of(root)}.")
+    devices = [e for e in root.iter() if tag(e) == "Device"]
     chosen = [d for d in devices if name in ("", d.get("name"), d.get("uuid"))]
     if len(chosen) != 1:
         raise InputError(
             f"MTConnect: expected one device{f' named {name}' if name else ''}, the agent has "
             f"{', '.join(str(d.get('name')) for d in devices) or 'none'}. Set mtconnect_device."
         )
-    items: dict[str, Item] = {}
+    systems = coordinate_systems(chosen[0])
+    axes: list[Device] = []
+    events: dict[str, Item] = {}
+    reasons: list[str] = []
     for component in chosen[0].iter():
-        if _tag(component) in ("Linear", "Rotary"):
-            items |= _axis_items(component)
-        elif _tag(component) in ("Device", "Controller", "Path"):
-            items |= _controller_items(component)
+        if tag(component) in ("Linear", "Rotary"):
+            axes.append(axis_items(component, systems))
+        elif tag(component) in ("Device", "Controller", "Path"):
+            events |= _controller_items(component, systems, reasons)
+    device = join(axes)
+    items = {**device.items, **events}
+    reasons += [f"{axis}: {why}" for axis, why in device.unusable.items()]
     if not any(item.role in ("measured", "path") for item in items.values()):
         raise InputError(
-            "MTConnect: expected axes with positions in machine coordinates, got none."
+            "MTConnect: expected axes with positions in machine coordinates, got none"
+            f"{': ' if reasons else ''}{'; '.join(reasons)}."
         )
-    return items
+    return Device(items=items, unusable=device.unusable)
 
 
-def _axis_items(component: ET.Element) -> dict[str, Item]:
-    """Best position of each kind: in machine coordinates, or where nothing else is said."""
-    axis = component.get("name") or component.get("nativeName") or ""
-    best: dict[str, tuple[int, str, Item]] = {}
-    for data in _data_items(component):
-        kind, subtype = data.get("type"), data.get("subType", "ACTUAL")
-        if kind == "AXIS_STATE":
-            best["axis_state"] = (0, data.get("id", ""), Item(role="axis_state", axis=axis))
-        if kind not in ("POSITION", "ANGLE") or subtype not in ("ACTUAL", "COMMANDED"):
-            continue
-        rank = {"MACHINE": 0, None: 1}.get(data.get("coordinateSystem"))
-        if rank is None:  # WORK: moves with every offset
-            continue
-        role = "measured" if subtype == "ACTUAL" else "commanded"
-        item = Item(role=role, axis=axis, scale=_scale(data))
-        if role not in best or rank < best[role][0]:
-            best[role] = (rank, data.get("id", ""), item)
-    return {item_id: item for _, item_id, item in best.values()}
-
-
-def _controller_items(component: ET.Element) -> dict[str, Item]:
+def _controller_items(
+    component: ET.Element, systems: dict[str, str], reasons: list[str]
+) -> dict[str, Item]:
     items = {}
-    for data in _data_items(component):
+    for data in data_items(component):
         kind, subtype = data.get("type", ""), data.get("subType")
+        if data.get("category") == "CONDITION":
+            continue
         if kind in _EVENTS and subtype in (None, "ABSOLUTE", "MAIN", "ACTIVE"):
             items[data.get("id", "")] = Item(role=_EVENTS[kind])
-        if kind == "PATH_POSITION" and subtype in (None, "ACTUAL"):
-            items[data.get("id", "")] = Item(role="path", scale=_scale(data))
+        if kind == "PATH_POSITION":
+            try:
+                items[data.get("id", "")] = path_item(data, systems)
+            except Unfit as error:
+                reasons.append(f"{data.get('id')} {error}")
     return items
-
-
-def _data_items(component: ET.Element) -> Iterator[ET.Element]:
-    """Data items of a component itself, not of those below it."""
-    for child in component:
-        if _tag(child) == "DataItems":
-            yield from (item for item in child if _tag(item) == "DataItem")
-
-
-def _scale(data: ET.Element) -> float:
-    unit = data.get("units", "MILLIMETER")
-    if unit not in UNITS:
-        raise InputError(
-            f"MTConnect: expected {data.get('id')} in {', '.join(UNITS)}, it is in {unit}."
-        )
-    return UNITS[unit]
 
 
 def read_document(text: bytes) -> Document:
@@ -148,14 +122,13 @@ def read_document(text: bytes) -> Document:
         Where the agent reports an error, or what it sends is no document.
     """
     root = _parse(text)
-    header = next((e for e in root if _tag(e) == "Header"), None)
-    if _tag(root) != "MTConnectStreams" or header is None:
-        errors = [f"{e.get('errorCode')}: {e.text}" for e in root.iter() if e.get("errorCode")]
-        raise DeviceError(f"MTConnect: the agent says {'; '.join(errors) or _tag(root)}.")
+    header = next((e for e in root if tag(e) == "Header"), None)
+    if tag(root) != "MTConnectStreams" or header is None:
+        raise DeviceError(f"MTConnect: the agent says {_words_of(root)}.")
     observed = [
         Observation(
             item_id=element.get("dataItemId", ""),
-            sequence=int(element.get("sequence", "0")),
+            sequence=_count(element, "sequence"),
             stamp_ns=stamp_ns(element.get("timestamp", "")),
             text=(element.text or "").strip(),
         )
@@ -164,8 +137,9 @@ def read_document(text: bytes) -> Document:
     ]
     return Document(
         instance_id=header.get("instanceId", ""),
-        first_sequence=int(header.get("firstSequence", "0")),
-        next_sequence=int(header.get("nextSequence", "0")),
+        first_sequence=_count(header, "firstSequence"),
+        next_sequence=_count(header, "nextSequence"),
+        buffer_size=_count(header, "bufferSize"),
         observations=tuple(sorted(observed, key=lambda o: o.sequence)),
     )
 
@@ -180,12 +154,25 @@ def stamp_ns(text: str) -> int:
     return seconds * 1_000_000_000 + int((fraction or "0").ljust(9, "0")[:9])
 
 
+def _words_of(root: ET.Element) -> str:
+    """The agent's own words (1.x: the element's text; 2.x: an element below it)."""
+    errors = [
+        f"{e.get('errorCode')}: {' '.join(' '.join(e.itertext()).split())}"
+        for e in root.iter()
+        if e.get("errorCode")
+    ]
+    return "; ".join(errors) or tag(root)
+
+
+def _count(element: ET.Element, name: str) -> int:
+    text = element.get(name, "0")
+    if not text.isdecimal():
+        raise DeviceError(f"MTConnect: expected a number as {name}, got {text!r}.")
+    return int(text)
+
+
 def _parse(text: bytes) -> ET.Element:
     try:
         return ET.fromstring(text)
     except ET.ParseError as error:
         raise DeviceError(f"MTConnect: the agent sent no XML: {error}.") from error
-
-
-def _tag(element: ET.Element) -> str:
-    return str(element.tag).rpartition("}")[2]

@@ -1,0 +1,205 @@
+"""What a data item of an MTConnect model means, from all that the model says of it.
+
+A position that cannot be shown to be one of the machine's own is not used, and why is kept.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+from omm_core.errors import InputError
+
+LENGTHS = {
+    "MILLIMETER": 1.0,
+    "MILLIMETER_3D": 1.0,
+    "CENTIMETER": 10.0,
+    "METER": 1000.0,
+    "INCH": 25.4,
+}
+ANGLES = {"RADIAN": 1.0, "DEGREE": 0.017453292519943295}
+_UNITS_OF = {"POSITION": LENGTHS, "ANGLE": ANGLES, "PATH_POSITION": LENGTHS}
+_TYPE_OF = {"Linear": "POSITION", "Rotary": "ANGLE"}
+_POSITIONS = ("POSITION", "ANGLE")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Item:
+    """What one data item of the device means to us."""
+
+    role: str
+    """``measured``, ``commanded``, ``path``, ``axis_state``, or an event of the controller."""
+    axis: str = ""
+    scale: float = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Device:
+    """The data items that are read, and the axes that none of them tells of."""
+
+    items: Mapping[str, Item]
+    unusable: Mapping[str, str] = field(default_factory=dict)
+    """Why no position of an axis can be used, by its name."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Candidate:
+    rank: tuple[int, int]
+    """How plainly the model says that it is what we want; the smallest wins."""
+    item_id: str
+    item: Item
+
+
+class Unfit(Exception):
+    """A data item is no position in machine coordinates; the text says why."""
+
+
+def coordinate_systems(device: ET.Element) -> dict[str, str]:
+    """Type of each coordinate system that the device defines (2.x), by its id."""
+    return {
+        e.get("id", ""): e.get("type", "") for e in device.iter() if tag(e) == "CoordinateSystem"
+    }
+
+
+def axis_items(component: ET.Element, systems: Mapping[str, str]) -> Device:
+    """The one measured and the one commanded position of an axis, in machine coordinates."""
+    axis = component.get("name") or component.get("nativeName") or component.get("id") or ""
+    found: dict[str, list[_Candidate]] = {"measured": [], "commanded": []}
+    items: dict[str, Item] = {}
+    reasons: list[str] = []
+    for data in data_items(component):
+        if data.get("type") == "AXIS_STATE" and _is_value(data, "EVENT"):
+            items[data.get("id", "")] = Item(role="axis_state", axis=axis)
+        if data.get("type") not in _POSITIONS or data.get("category") == "CONDITION":
+            continue
+        try:
+            candidate = _candidate(data, tag(component), axis, systems)
+            found[candidate.item.role].append(candidate)
+        except Unfit as error:
+            reasons.append(f"{data.get('id')} {error}")
+    for role, candidates in found.items():
+        try:
+            items |= _best(candidates)
+        except Unfit as error:
+            reasons.append(str(error))
+            found[role] = []
+    if reasons and not found["measured"]:
+        return Device(items=items, unusable={axis: "; ".join(reasons)})
+    return Device(items=items)
+
+
+def path_item(data: ET.Element, systems: Mapping[str, str]) -> Item:
+    """The tool point of a path. Raises Unfit where it is not in machine coordinates.
+
+    Without a word the standard has it in WORK coordinates, which move with every offset.
+    """
+    _check_sample(data)
+    if data.get("subType") not in (None, "ACTUAL"):
+        raise Unfit(f"is {data.get('subType')}, not ACTUAL")
+    if _system_rank(data, systems) != 0:
+        raise Unfit("says no coordinate system, which is WORK for a path")
+    return Item(role="path", scale=_scale(data))
+
+
+def data_items(component: ET.Element) -> Iterator[ET.Element]:
+    """Data items of a component itself, not of those below it."""
+    for child in component:
+        if tag(child) == "DataItems":
+            yield from (item for item in child if tag(item) == "DataItem")
+
+
+def tag(element: ET.Element) -> str:
+    """Name of an element without its namespace, which differs with every version."""
+    return str(element.tag).rpartition("}")[2]
+
+
+def join(devices: list[Device]) -> Device:
+    """All axes as one device. Raises InputError where two have one name."""
+    items: dict[str, Item] = {}
+    unusable: dict[str, str] = {}
+    names: set[str] = set()
+    for device in devices:
+        axes = {i.axis for i in device.items.values() if i.role == "measured"} | {*device.unusable}
+        if names & axes:
+            raise InputError(
+                f"MTConnect: expected axes of different names, got {', '.join(names & axes)} "
+                "twice; which of them moves the spindle is not told. Set mtconnect_device, or "
+                "name them apart in the agent's device model."
+            )
+        names |= axes
+        items |= device.items
+        unusable |= device.unusable
+    return Device(items=items, unusable=unusable)
+
+
+def _candidate(
+    data: ET.Element, component: str, axis: str, systems: Mapping[str, str]
+) -> _Candidate:
+    _check_sample(data)
+    kind, subtype = data.get("type", ""), data.get("subType")
+    if subtype not in (None, "ACTUAL", "COMMANDED"):
+        raise Unfit(f"is {subtype}, not ACTUAL")
+    if kind != _TYPE_OF[component]:
+        raise Unfit(f"is of type {kind}, a {component} axis has a {_TYPE_OF[component]}")
+    if data.get("compositionId"):
+        raise Unfit(f"is of the part {data.get('compositionId')} of the axis only")
+    rank = _system_rank(data, systems), int(subtype is None)
+    role = "commanded" if subtype == "COMMANDED" else "measured"
+    item = Item(role=role, axis=axis, scale=_scale(data))
+    return _Candidate(rank=rank, item_id=data.get("id", ""), item=item)
+
+
+def _check_sample(data: ET.Element) -> None:
+    """Raises Unfit where a data item is not one plain number or point."""
+    if data.get("category") != "SAMPLE":
+        raise Unfit(f"has the category {data.get('category')}, not SAMPLE")
+    if data.get("representation") not in (None, "VALUE"):
+        raise Unfit(f"is a {data.get('representation')}, not one value")
+    if data.get("statistic"):
+        raise Unfit(f"is a statistic ({data.get('statistic')}), not what is measured now")
+
+
+def _is_value(data: ET.Element, category: str) -> bool:
+    plain = data.get("representation") in (None, "VALUE")
+    return plain and data.get("category") in (None, category)
+
+
+def _system_rank(data: ET.Element, systems: Mapping[str, str]) -> int:
+    """0 where machine coordinates are declared, 1 where nothing is said (the standard's default).
+
+    Raises
+    ------
+    Unfit
+        Where it is another coordinate system, one that is not defined, or two that differ.
+    """
+    told, reference = data.get("coordinateSystem"), data.get("coordinateSystemIdRef")
+    if told not in (None, "MACHINE"):
+        raise Unfit(f"is in {told} coordinates")
+    if reference is None:
+        return 1 if told is None else 0
+    if reference not in systems:
+        raise Unfit(f"is in the coordinate system {reference}, which the model does not define")
+    if systems[reference] != "MACHINE":
+        raise Unfit(f"is in {systems[reference]} coordinates ({reference})")
+    return 0
+
+
+def _scale(data: ET.Element) -> float:
+    """To mm or rad. Raises Unfit where the unit is missing or none of the type's."""
+    units, unit = _UNITS_OF[data.get("type", "")], data.get("units")
+    if unit not in units:
+        raise Unfit(f"is in {unit or 'no unit'}, expected {', '.join(units)}")
+    return units[unit]
+
+
+def _best(candidates: list[_Candidate]) -> dict[str, Item]:
+    """The plainest. Raises Unfit where two are equally plain: the first is not better."""
+    if not candidates:
+        return {}
+    least = min(c.rank for c in candidates)
+    best = [c for c in candidates if c.rank == least]
+    if len(best) > 1:
+        ids = ", ".join(c.item_id for c in best)
+        raise Unfit(f"{ids}: the model does not say which is the axis's {best[0].item.role} one")
+    return {best[0].item_id: best[0].item}

@@ -1,0 +1,131 @@
+"""What a position of an MTConnect model means: shown by the model, or refused by name."""
+
+import pytest
+from mtconnect_agent import Agent
+
+from omm_cnc_bridge.controls.mtconnect.control import MtConnectControl
+from omm_cnc_bridge.controls.mtconnect.model import read_device
+from omm_core.errors import DeviceError, InputError
+
+SYSTEMS = """<Configuration><CoordinateSystems><CoordinateSystem id="mc" type="MACHINE"/>
+<CoordinateSystem id="wc" type="OBJECT" parentIdRef="mc"/></CoordinateSystems></Configuration>"""
+GOOD = 'category="SAMPLE" type="POSITION" subType="ACTUAL" units="MILLIMETER"'
+
+
+def model(*items: str, component: str = "Linear", name: str = "X", more: str = "") -> bytes:
+    """A device whose first axis has the items, and a second one, Y, that is plain."""
+    data = "".join(f"<DataItem {item}/>" for item in items)
+    return (
+        f'<MTConnectDevices><Devices><Device name="mill">{SYSTEMS}<Components><Axes><Components>'
+        f'<{component} id="c" name="{name}"><DataItems>{data}</DataItems></{component}>'
+        f'<Linear id="y" name="Y"><DataItems><DataItem id="y1" {GOOD}/></DataItems></Linear>{more}'
+        "</Components></Axes></Components></Device></Devices></MTConnectDevices>"
+    ).encode()
+
+
+def chosen(text: bytes) -> str | None:
+    """Id of the measured position of X."""
+    items = read_device(text, "").items
+    return next(
+        (i for i, item in items.items() if (item.role, item.axis) == ("measured", "X")), None
+    )
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        f'id="o" {GOOD} coordinateSystemIdRef="wc"',
+        f'id="o" {GOOD} coordinateSystem="WORK"',
+        f'id="o" {GOOD} coordinateSystem="WORK" coordinateSystemIdRef="mc"',
+        f'id="o" {GOOD} coordinateSystemIdRef="nowhere"',
+        f'id="o" {GOOD}',
+        f'id="o" {GOOD} representation="TIME_SERIES" sampleRate="100"',
+        f'id="o" {GOOD} statistic="AVERAGE"',
+        'id="o" category="CONDITION" type="POSITION"',
+        'id="o" category="EVENT" type="POSITION"',
+        'id="o" category="SAMPLE" type="POSITION" subType="PROGRAMMED" units="MILLIMETER"',
+        'id="o" category="SAMPLE" type="POSITION" subType="ACTUAL" units="DEGREE"',
+        'id="o" category="SAMPLE" type="ANGLE" subType="ACTUAL" units="DEGREE"',
+    ],
+)
+@pytest.mark.parametrize("machine", ['coordinateSystemIdRef="mc"', 'coordinateSystem="MACHINE"'])
+def test_the_machine_position_is_taken_whatever_stands_beside_it(other, machine):
+    wanted = f'id="m" {GOOD} {machine}'
+    assert chosen(model(other, wanted)) == chosen(model(wanted, other)) == "m"
+
+
+@pytest.mark.parametrize(
+    ("item", "component", "why"),
+    [
+        (f'id="o" {GOOD} coordinateSystemIdRef="wc"', "Linear", "OBJECT coordinates"),
+        (f'id="o" {GOOD} coordinateSystemIdRef="nowhere"', "Linear", "does not define"),
+        (f'id="o" {GOOD} representation="DATA_SET"', "Linear", "DATA_SET"),
+        ('id="o" category="SAMPLE" type="POSITION"', "Linear", "no unit"),
+        ('id="o" category="SAMPLE" type="ANGLE" units="MILLIMETER"', "Rotary", "MILLIMETER"),
+        (f'id="o" {GOOD}', "Rotary", "has a ANGLE"),
+    ],
+)
+def test_an_axis_without_a_sure_position_is_unusable_and_says_why(item, component, why):
+    device = read_device(model(item, component=component), "")
+    assert why in device.unusable["X"]
+    assert [i.axis for i in device.items.values()] == ["Y"]
+
+
+def test_two_positions_that_nothing_tells_apart_are_not_taken_by_their_order():
+    device = read_device(model(f'id="a" {GOOD}', f'id="b" {GOOD}'), "")
+    assert "a, b" in device.unusable["X"]
+
+
+def test_two_axes_of_one_name_are_refused():
+    with pytest.raises(InputError, match="X twice"):
+        read_device(
+            model(
+                f'id="a" {GOOD}',
+                more=f'<Linear name="X"><DataItems><DataItem id="b" {GOOD}/></DataItems></Linear>',
+            ),
+            "",
+        )
+
+
+@pytest.mark.parametrize(("system", "taken"), [("", False), ('coordinateSystem="WORK"', False),
+                                               ('coordinateSystem="MACHINE"', True)])  # fmt: skip
+def test_a_tool_point_is_taken_in_machine_coordinates_only(system, taken):
+    item = (
+        f'<DataItem id="p" category="SAMPLE" type="PATH_POSITION" units="MILLIMETER_3D" {system}/>'
+    )
+    path = f"<Path><DataItems>{item}</DataItems></Path>"
+    assert ("p" in read_device(model(f'id="a" {GOOD}', more=path), "").items) is taken
+
+
+@pytest.mark.parametrize("text", ["", "1,5", "nan", "1.0 2.0 3.0", "TRUE"])
+def test_text_that_is_no_number_makes_the_axis_unusable_and_ends_nothing(text):
+    with Agent() as agent:
+        agent.tell(avail="AVAILABLE", xa=text, ya=-2, ba=90)
+        control = MtConnectControl(agent.url, rate_hz=100)
+        control.connect()
+        (first, *_) = control.read(3.0)
+        agent.tell(xa=5.0)
+        while "X" not in (last := control.read(3.0)[-1]).positions:
+            pass
+        control.close()
+    assert "is no number" in first.unusable["X"]
+    assert first.positions["Y"] == -2.0
+    assert (last.positions["X"], dict(last.unusable)) == (5.0, {})
+
+
+def test_an_agent_is_not_asked_for_more_than_it_keeps():
+    with Agent(size=16, strict=True) as agent:
+        agent.tell(avail="AVAILABLE", xa=1.0, ya=-2, ba=90)
+        control = MtConnectControl(agent.url, rate_hz=100)
+        control.connect()
+        assert control.read(3.0)[-1].positions["X"] == 1.0
+        control.close()
+
+
+def test_a_refused_stream_is_told_in_the_agents_words():
+    words = r"OUT_OF_RANGE: 'count' must be less than"
+    with (
+        Agent(size=16, strict=True, refuse=True) as agent,
+        pytest.raises(DeviceError, match=words),
+    ):
+        MtConnectControl(agent.url, rate_hz=100).connect()
