@@ -145,3 +145,30 @@ def project_circles(
         if np.isfinite(outline).all():
             centres[i] = np.einsum("kij,kj->i", centre_weights(outline, kind), outline)
     return centres
+
+
+def centre_weights_of_many(outlines_px: Array) -> Array:
+    """Return :func:`centre_weights` (OUTLINE) of many outlines at once.
+
+    Parameters
+    ----------
+    outlines_px : (N, BOUNDARY_POINTS, 2) array
+
+    Returns
+    -------
+    (N, BOUNDARY_POINTS, 2, 2) array
+    """
+    harmonics = (2.0 / BOUNDARY_POINTS) * np.stack([np.cos(ANGLES), np.sin(ANGLES)])
+    u, v = np.moveaxis(harmonics @ outlines_px, 1, 0)[:, :, None, :]
+    t = QUADRATURE_ANGLES[:, None]
+    tangent = -u * np.sin(t) + v * np.cos(t)
+    normal = np.stack([tangent[..., 1], -tangent[..., 0]], axis=-1)
+    length = np.linalg.norm(tangent, axis=-1)[..., None, None]
+    weight = normal[..., :, None] * normal[..., None, :] / length
+    inverse = np.linalg.inv(weight.sum(axis=1))
+    k1, k2 = (
+        inverse @ np.einsum("q,nqij->nij", g(2 * QUADRATURE_ANGLES), weight)
+        for g in (np.cos, np.sin)
+    )
+    cos2, sin2 = (2.0 * g(2 * ANGLES)[:, None, None] for g in (np.cos, np.sin))
+    return np.asarray((np.eye(2) + cos2 * k1[:, None] + sin2 * k2[:, None]) / BOUNDARY_POINTS)

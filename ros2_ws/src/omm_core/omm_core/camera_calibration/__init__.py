@@ -1,0 +1,1 @@
+"""Calibrate a camera in its tool holder: set, start, adjustment, what it leaves open."""

@@ -1,0 +1,193 @@
+"""Adjust a camera to a dot at places that a coordinate measuring machine knows.
+
+Each place is seen once, so its own uncertainty is carried over into the pixels (covariance
+J Σ Jᵀ): the same as if its three coordinates were unknowns that were observed, without them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omm_core.adjustment import Block, Group, Problem, Solution, solve, test_observations
+from omm_core.adjustment.problem import Values
+from omm_core.camera_calibration.model import PARAMETERS, Sensor, project_with_derivatives
+from omm_core.camera_calibration.result import CalibrationResult, Observation, require_determined
+from omm_core.camera_calibration.start import start_from_places
+from omm_core.errors import MeasurementError
+from omm_core.imaging.circle import circle_points
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+# w-test: one in a million of good observations is refused.
+_LARGEST_T2 = 27.6
+
+
+def calibrate_by_places(
+    sensor: Sensor,
+    *,
+    images: list[str],
+    places: Array,
+    pixels: Array,
+    covariance_px2: Array,
+    sigma_xyz_mm: float,
+    normal: Array,
+    dot_diameter_mm: float,
+    hint: Array | None = None,
+) -> CalibrationResult:
+    """Calibrate.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    images : list of str
+        A name for each observation.
+    places : (N, 3) array
+        Centres of the dot, taper frame, mm.
+    pixels, covariance_px2 : (N, 2), (N, 2, 2) arrays
+        Centres of the dot's images.
+    sigma_xyz_mm : float
+        Of each coordinate of a place.
+    normal, dot_diameter_mm : (3,) array, float
+        Of the dot, taper frame.
+    hint : (13,) array, optional
+        A camera that may be near.
+
+    Raises
+    ------
+    MeasurementError
+        If the set leaves the camera open, or no camera fits.
+    """
+    n = len(places)
+    if 2 * n < len(PARAMETERS) + 3:
+        raise MeasurementError(f"Expected at least 8 images of the dot, got {n}. Take more.")
+    outlines = circle_points(places, np.tile(normal, (n, 1)), np.full(n, dot_diameter_mm))
+    used = np.ones(n, dtype=bool)
+    starts = start_from_places(sensor, places, pixels)
+    camera = _best_start(sensor, outlines, pixels, starts if hint is None else [*starts, hint])
+    while True:
+        problem, solution = _adjust(
+            sensor, outlines, pixels, covariance_px2, sigma_xyz_mm, used, camera
+        )
+        camera = solution.values["camera"][0]
+        t2 = test_observations(problem, solution)["pixels"].t2
+        # Judged against what the set itself shows, where that is more than what was promised.
+        scale = max(float(np.median(t2[used])) / 1.386, 1.0)
+        worst = int(np.argmax(np.where(used, t2, 0.0)))
+        if t2[worst] / scale < _LARGEST_T2 or used.sum() < max(0.8 * n, 9):
+            break
+        used[worst] = False
+    require_determined(sensor, solution)
+    reason = "does not fit the others (w-test)"
+    return CalibrationResult(
+        sensor=sensor,
+        camera=camera,
+        covariance=solution.covariance * max(solution.sigma0, 1.0) ** 2,
+        sigma0=solution.sigma0,
+        degrees_of_freedom=solution.degrees_of_freedom,
+        converged=solution.converged,
+        observations=tuple(
+            Observation(
+                image=images[i],
+                pixel=pixels[i],
+                residual_px=solution.residuals["pixels"][i],
+                reason=None if used[i] else reason,
+            )
+            for i in range(n)
+        ),
+        images=int(used.sum()),
+        covered_mm=_covered(sensor, camera, places),
+        findings=_findings(solution, used, images),
+    )
+
+
+def _adjust(
+    sensor: Sensor,
+    outlines: Array,
+    pixels: Array,
+    covariance_px2: Array,
+    sigma_xyz_mm: float,
+    used: Mask,
+    camera: Array,
+) -> tuple[Problem, Solution]:
+    def evaluate(values: Values) -> tuple[Array, dict[str, Array]]:
+        centres, by_camera, _ = project_with_derivatives(sensor, values["camera"][0], outlines)
+        return centres, {"camera": by_camera}
+
+    for _ in range(2):  # the second time with the places' uncertainty seen from the right camera
+        by_place = project_with_derivatives(sensor, camera, outlines)[2].sum(axis=1)
+        block = Block(
+            name="pixels",
+            observed=pixels,
+            covariance=covariance_px2 + sigma_xyz_mm**2 * by_place @ np.swapaxes(by_place, 1, 2),
+            index={"camera": np.zeros(len(pixels), dtype=int)},
+            evaluate=evaluate,
+            used=used,
+        )
+        group = Group(name="camera", values=camera[None], names=PARAMETERS)
+        problem = Problem(groups=(group,), blocks=(block,))
+        solution = solve(problem)
+        camera = solution.values["camera"][0]
+    return problem, solution
+
+
+def _best_start(sensor: Sensor, outlines: Array, pixels: Array, starts: list[Array]) -> Array:
+    """Return the camera that fits best after a robust adjustment from each start."""
+    found: list[tuple[float, Array]] = []
+    held = np.zeros((1, 13), dtype=bool)
+    held[0, 3:7] = True
+    points = outlines.mean(axis=1, keepdims=True)
+    wide = np.tile(np.eye(2), (len(pixels), 1, 1))
+
+    def evaluate(values: Values) -> tuple[Array, dict[str, Array]]:
+        centres, by_camera, _ = project_with_derivatives(sensor, values["camera"][0], points)
+        return centres, {"camera": by_camera}
+
+    for start in starts:
+        predicted = project_with_derivatives(sensor, start, points)[0]
+        seen = np.isfinite(predicted).all(axis=1)
+        if not seen.all():
+            continue
+        camera = start
+        for hold in (held, np.zeros_like(held)):
+            block = Block(
+                name="pixels",
+                observed=pixels,
+                covariance=wide,
+                index={"camera": np.zeros(len(pixels), dtype=int)},
+                evaluate=evaluate,
+            )
+            group = Group(name="camera", values=camera[None], held=hold)
+            solution = solve(Problem(groups=(group,), blocks=(block,)), iterations=30)
+            camera = solution.values["camera"][0]
+        left = float(np.median(np.linalg.norm(solution.residuals["pixels"], axis=1)))
+        found.append((left, camera))
+        if left < 1.0:
+            break
+    if not found:
+        raise MeasurementError(
+            "Expected dots that a camera along the taper's axis can see, got a set that none fits. "
+            "Check the axes of the places (taper frame) and which image belongs to which place."
+        )
+    return min(found, key=lambda pair: pair[0])[1]
+
+
+def _covered(sensor: Sensor, camera: Array, places: Array) -> tuple[float, float]:
+    from omm_core.geometry import rotation_from_euler_xyz_rad
+
+    depth = (places - camera[7:10]) @ rotation_from_euler_xyz_rad(*camera[10:])[:, 2]
+    return float(depth.min()), float(depth.max())
+
+
+def _findings(solution: Solution, used: Mask, images: list[str]) -> tuple[str, ...]:
+    found = []
+    if not used.all():
+        names = ", ".join(images[i] for i in np.flatnonzero(~used)[:5])
+        found.append(f"{(~used).sum()} images do not fit the others and are left out: {names}")
+    if solution.sigma0 > 1.3:
+        found.append(
+            f"residuals are {solution.sigma0:.2f} times what was promised; the covariance is"
+            " enlarged by that"
+        )
+    return tuple(found)

@@ -1,0 +1,66 @@
+"""Write camera.yaml, with what people ask later: when, from what, how well."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from omm_core.files.output import write_whole
+
+
+def camera_yaml(
+    *,
+    name: str,
+    width_px: int,
+    height_px: int,
+    pixel_size_mm: float,
+    values: Mapping[str, float],
+    covariance: Sequence[Sequence[float]],
+    notes: Mapping[str, Any],
+) -> str:
+    """Return camera.yaml of a camera with Brown's lens.
+
+    Parameters
+    ----------
+    name, width_px, height_px, pixel_size_mm
+        The sensor.
+    values : mapping
+        The 13 parameters by name, in the order of the covariance.
+    covariance : (13, 13)
+        In the units of the names.
+    notes : mapping
+        What stands under ``calibration``: plain numbers, texts and lists.
+    """
+    import yaml
+
+    content = {
+        "camera": {
+            "name": name,
+            "width_px": width_px,
+            "height_px": height_px,
+            "pixel_size_mm": pixel_size_mm,
+        },
+        "model": "brown_photogrammetric",
+        "intrinsics": {
+            "focal_length_mm": values["focal_length_mm"],
+            "principal_point_offset_px": [values["cl0_px"], values["rw0_px"]],
+            **{key: values[key] for key in ("k1_px2", "k2_px4", "p1_px", "p2_px")},
+        },
+        "taper_to_camera": {
+            "translation_mm": [values[key] for key in ("x_mm", "y_mm", "z_mm")],
+            "euler_xyz_rad": [values[key] for key in ("alpha_rad", "beta_rad", "gamma_rad")],
+        },
+        "covariance": {
+            "parameters": list(values),
+            "matrix": [[float(v) for v in row] for row in covariance],
+        },
+        "calibration": dict(notes),
+    }
+    text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=1000)
+    return str(text)
+
+
+def write_camera(path: Path, text: str) -> None:
+    """Write camera.yaml whole or not at all."""
+    write_whole(path, text)
