@@ -26,6 +26,7 @@ from omm_cnc_bridge.handshake import Acknowledge, Action, Handshake, HandshakeLi
 from omm_cnc_bridge.judgement import Judge, Judgement, Reported, SampleLimits
 from omm_cnc_bridge.machine.kinematics import Machine
 from omm_cnc_bridge.parameters import Parameters
+from omm_cnc_bridge.refusal_log import RefusalLog
 from omm_cnc_bridge.standstill import StandStillLimits
 from omm_core.errors import DeviceError
 from omm_ros import qos
@@ -54,6 +55,8 @@ class CncBridgeNode(Node):
         self._state_due_s = self._tf_due_s = 0.0
         self._ages_ns: deque[int] = deque(maxlen=1000)
         self._failure: Exception | None = None
+        self._notes: set[str] = set()
+        self._refusals = RefusalLog()
 
         self._pose = self.create_publisher(PoseStamped, "/cnc/spindle_pose", qos.POSE)
         self._state = self.create_publisher(SpindleState, "/cnc/state", qos.STATE)
@@ -130,6 +133,7 @@ class CncBridgeNode(Node):
         judged = self._judge.judge(sample, now_ns)
         if judged.machine_T_spindle is not None:
             self._publish_pose(judged)
+        self._tell(judged)
         if sample.stamp_ns > now_ns - round(self._p.stale_after_s * 1e9):
             self._heard_s = time.monotonic()
             self._set_connection(Connection.CONNECTED, "")
@@ -140,6 +144,16 @@ class CncBridgeNode(Node):
         if changed or action is not None:
             self._publish_state()
         self._act(action)
+
+    def _tell(self, judged: Judgement) -> None:
+        """Log what was chosen, and refusals that go on: not everyone reads diagnostics."""
+        for note in judged.sample.notes:
+            if note not in self._notes:
+                self._notes.add(note)
+                self.get_logger().info(note)
+        words = self._refusals.hear(judged.refused, time.monotonic())
+        if words:
+            self.get_logger().warning(words)
 
     def _publish_pose(self, judged: Judgement) -> None:
         pose, stamp = judged.machine_T_spindle, judged.sample.stamp_ns

@@ -32,6 +32,12 @@ class OpcUaTestServer:
         self.url = f"opc.tcp://127.0.0.1:{port}/cnc"
         self.positions = dict.fromkeys(AXES, 0.0)
         self.commanded = dict.fromkeys(AXES, 0.0)
+        self.indirect: dict[str, float] | None = None
+        """What PosIndirect says; set before the start where there is one."""
+        self.direct_quality = None
+        """Of PosDirect alone; None takes ``quality``."""
+        self.more: dict[str, dict[str, object]] = {}
+        """Further axes: the values of their variables, without a unit; None is BadNoData."""
         self.status = 0
         self.quality = ua.StatusCodes.Good
         self.request = 0
@@ -88,8 +94,19 @@ class OpcUaTestServer:
                 node = await position.add_variable(ns, item, 0.0)
                 await node.add_property(0, "EngineeringUnits", units)
                 self._nodes[name, item] = node
+            if self.indirect is not None:
+                indirect = await axis.add_variable(ns, "PosIndirect", 0.0)
+                await indirect.add_property(0, "EngineeringUnits", units)
+                self._nodes[name, "PosIndirect"] = indirect
             self._nodes[name, "ActStatus"] = await axis.add_variable(ns, "ActStatus", 0)
             await axis.add_variable(ns, "IsReferenced", True)
+        for name, variables in self.more.items():
+            axis = await axes.add_object(ns, name)
+            for variable, value in variables.items():
+                node = await axis.add_variable(ns, variable, 0.0 if value is None else value)
+                if value is None:
+                    bad = ua.StatusCode(ua.StatusCodes.BadNoData)
+                    await node.write_value(ua.DataValue(ua.Variant(None), StatusCode=bad))
         spindles = await interface.add_object(ns, "CncSpindleList")
         angle = await (await spindles.add_object(ns, "S1")).add_variable(ns, "AnglePos", 0.0)
         await angle.add_variable(ns, "ActPos", 45.0)
@@ -114,9 +131,14 @@ class OpcUaTestServer:
                 await self._nodes[name, item].write_value(
                     ua.DataValue(
                         ua.Variant(values[name], ua.VariantType.Double),
-                        StatusCode=ua.StatusCode(self.quality),
+                        StatusCode=ua.StatusCode(self.direct_quality or self.quality),
                         SourceTimestamp=stamp,
                     )
+                )
+            if self.indirect is not None:
+                value = ua.Variant(self.indirect[name], ua.VariantType.Double)
+                await self._nodes[name, "PosIndirect"].write_value(
+                    ua.DataValue(value, SourceTimestamp=stamp)
                 )
             await self._nodes[name, "ActStatus"].write_value(
                 ua.Variant(self.status, ua.VariantType.Int64)

@@ -7,6 +7,8 @@ collision, inertial, transmission, …) may be there and are passed over.
 from __future__ import annotations
 
 import math
+import shutil
+import subprocess
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
@@ -67,6 +69,8 @@ def load_urdf(path: Path) -> Robot:
     """Read a URDF file. Raises InputError, naming file and element, where it is not one."""
     try:
         root = ET.parse(path).getroot()
+        if _is_xacro(root):
+            root = ET.fromstring(expand_xacro(path))
         return parse_urdf(root)
     except OSError as error:
         raise InputError(f"Expected a machine's URDF at {path}: {error.strerror}.") from error
@@ -74,6 +78,31 @@ def load_urdf(path: Path) -> Robot:
         raise InputError(f"Expected XML in {path}, got an error: {error}.") from error
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
+
+
+def _is_xacro(root: ET.Element) -> bool:
+    """Whether elements or attributes are still xacro's; comments may speak of it."""
+    return any(
+        "xacro" in str(e.tag) or any("${" in v or "$(" in v for v in e.attrib.values())
+        for e in root.iter()
+    )
+
+
+def expand_xacro(path: Path) -> str:
+    """Run xacro. Raises InputError where it is not installed or refuses the file."""
+    program = shutil.which("xacro")
+    if program is None:
+        raise InputError(
+            "Expected a URDF, got a xacro file (it has ${...} or xacro: elements), and xacro is "
+            f"not installed here. Expand it where it is: xacro {path.name} > machine.urdf."
+        )
+    done = subprocess.run(
+        [program, str(path)], capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL
+    )
+    if done.returncode != 0:
+        last = (done.stderr.strip() or "no reason given").splitlines()[-1]
+        raise InputError(f"Expected xacro to expand the file, it says: {last}")
+    return done.stdout
 
 
 def parse_urdf(root: ET.Element) -> Robot:
@@ -153,10 +182,24 @@ def _limits(element: ET.Element, kind: str, name: str) -> tuple[float, float]:
         return -math.inf, math.inf
     if limit is None:
         raise InputError(f"Expected limits of joint {name}, got none. URDF wants them if {kind}.")
-    lower, upper = float(limit.get("lower", "0")), float(limit.get("upper", "0"))
+    lower, upper = (_limit(limit, attribute, name) for attribute in ("lower", "upper"))
     if not lower < upper:
         raise InputError(f"Expected lower < upper for joint {name}, got {lower} and {upper}.")
     return lower, upper
+
+
+def _limit(limit: ET.Element, attribute: str, name: str) -> float:
+    text = limit.get(attribute, "0")
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if math.isnan(value):
+        hint = " Decimals have a point." if "," in text else ""
+        raise InputError(
+            f"Expected a number as {attribute} in the limit of joint {name}, got {text!r}.{hint}"
+        )
+    return value
 
 
 def _numbers(text: str, name: str) -> NDArray[np.float64]:

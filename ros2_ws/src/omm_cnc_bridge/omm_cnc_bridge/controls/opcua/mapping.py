@@ -15,10 +15,13 @@ import yaml
 
 from omm_core.errors import InputError
 
+TWICE = ("PosDirect", "PosIndirect")
+"""Positions that OPC 40502 has of one axis; each is an item of its own until one is chosen."""
 AXIS_ITEMS = ("position", "commanded", "status", "referenced")
 CHANNEL_ITEMS = (
     "mode", "program_status", "program", "program_line", "measure_request", "spindle_angle"
 )  # fmt: skip
+ANGLE_UNITS = ("rad", "deg")
 UNITS = {"mm": 1.0, "m": 1000.0, "inch": 25.4, "rad": 1.0, "deg": 0.017453292519943295}
 
 

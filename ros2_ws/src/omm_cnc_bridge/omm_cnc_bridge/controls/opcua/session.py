@@ -20,7 +20,14 @@ from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 
 from omm_cnc_bridge.clock import ControlClock, ros_from_monotonic_ns
 from omm_cnc_bridge.control import ControlSample, Mode, ProgramState
-from omm_cnc_bridge.controls.opcua.mapping import UNITS, AxisItems, Mapping40502
+from omm_cnc_bridge.controls.opcua.mapping import (
+    ANGLE_UNITS,
+    TWICE,
+    UNITS,
+    AxisItems,
+    Mapping40502,
+)
+from omm_cnc_bridge.controls.opcua.two_measurements import Choice, Reading, TwoMeasurements
 from omm_core.errors import DeviceError, InputError
 
 QUEUE = 20
@@ -41,6 +48,18 @@ _CHANNEL_NAMES = {
     "program": "ActMainProgramName",
     "program_line": "ActMainProgramLine",
 }
+_AXIS_NAMES = {
+    "PosDirect": "PosDirect",
+    "PosIndirect": "PosIndirect",
+    "status": "ActStatus",
+    "referenced": "IsReferenced",
+    "virtual": "IsVirtual",
+    "inactive": "IsInactive",
+    "rotational": "IsRotational",
+}
+_POSITIONS = ("position", *TWICE)
+_POSITIONS_PROOF = ("referenced", "status")
+_COMMANDED = {"position": "commanded", **{item: f"{item} commanded" for item in TWICE}}
 _Key = tuple[str, str]  # axis and item, or "" and an item of the channel
 
 
@@ -64,6 +83,9 @@ class Session:
         self._keys: dict[ua.NodeId, _Key] = {}
         self._scales: dict[str, float] = {}
         self._rest_values: dict[str, int] = {}
+        self._unusable: dict[str, str] = {}
+        self._twice: dict[str, TwoMeasurements] = {}
+        self._chosen: dict[str, Choice] = {}
         self._per_angle = UNITS["deg"]
         self._values: dict[_Key, Any] = {}
         self._bad: dict[_Key, str] = {}
@@ -82,6 +104,9 @@ class Session:
         nodes: dict[_Key, Node] = {}
         for name, items in axes.items():
             nodes |= await self._axis_nodes(name, items)
+        if not self._scales:
+            reasons = "; ".join(f"axis {axis} {why}" for axis, why in self._unusable.items())
+            raise InputError(f"OPC UA: expected axes that can be used: {reasons or 'none are'}.")
         nodes |= await self._channel_nodes()
         nodes["", "clock"] = self._client.get_node(ua.ObjectIds.Server_ServerStatus_CurrentTime)
         self._keys = {node.nodeid: key for key, node in nodes.items()}
@@ -138,7 +163,7 @@ class Session:
         Others could flood us when asked for 0.
         """
         interval_ms = self._interval_s * 1e3
-        trial = next(node for (_, item), node in nodes.items() if item == "position")
+        trial = next(node for (_, item), node in nodes.items() if item in _POSITIONS)
         items = [
             subscription._make_monitored_item_request(
                 trial, ua.AttributeIds.Value, None, 1, ua.MonitoringMode.Disabled, asked_ms
@@ -208,17 +233,14 @@ class Session:
         axes = {}
         for axis in await axis_list.get_children(nodeclassmask=ua.NodeClass.Object):
             paths = {}
-            for item, names in (
-                ("position", ("PosDirect", "PosIndirect")),
-                ("status", ("ActStatus",)),
-                ("referenced", ("IsReferenced",)),
-            ):
-                for name in names:
-                    node = await _child(axis, name)
-                    if node is not None:
-                        paths[item] = node.nodeid.to_string()
-                        break
-            if "position" in paths:
+            for item, name in _AXIS_NAMES.items():
+                node = await _child(axis, name)
+                if node is not None:
+                    paths[item] = node.nodeid.to_string()
+            positions = [item for item in TWICE if item in paths]
+            if len(positions) == 1:
+                paths["position"] = paths.pop(positions[0])
+            if positions:
                 axes[(await axis.read_browse_name()).Name] = AxisItems(paths=paths)
         if not axes:
             raise InputError("OPC UA: expected axes in the CncAxisList, it is empty.")
@@ -227,18 +249,37 @@ class Session:
     async def _axis_nodes(self, name: str, items: AxisItems) -> dict[_Key, Node]:
         nodes = {(name, item): await self._find(path) for item, path in items.paths.items()}
         self._rest_values[name] = items.in_position
-        position = nodes[name, "position"]
-        # A structure's fields are also variables below it: they come with units, and one by one.
+        if await _says_true(nodes.pop((name, "virtual"), None)):
+            return {}
+        rotational = nodes.pop((name, "rotational"), None)
+        turns = await _bool(rotational) if rotational is not None else None
+        units = set()
+        for item in _POSITIONS:
+            if (name, item) in nodes:
+                units.add(items.unit or await self._split(name, item, nodes))
+        trouble = _unit_trouble(units, turns)
+        if trouble:
+            self._unusable[name] = trouble
+            inactive = nodes.get((name, "inactive"))
+            return {} if inactive is None else {(name, "inactive"): inactive}
+        unit = str(units.pop())
+        self._scales[name] = UNITS[unit]
+        if (name, TWICE[0]) in nodes:
+            self._twice[name] = TwoMeasurements(rotary=unit in ANGLE_UNITS)
+        return nodes
+
+    async def _split(self, name: str, item: str, nodes: dict[_Key, Node]) -> str | None:
+        """Take a structure's fields where they are variables below it; tell the unit.
+
+        They come with units, and one by one.
+        """
+        position = nodes[name, item]
         actual, commanded = await _child(position, "ActPos"), await _child(position, "CmdPos")
         if actual is not None:
-            nodes[name, "position"] = actual
+            nodes[name, item] = actual
             if commanded is not None:
-                nodes.setdefault((name, "commanded"), commanded)
-        unit = items.unit or await _unit(nodes[name, "position"]) or await _unit(position)
-        if unit is None:
-            raise InputError(f"OPC UA: axis {name} tells no unit; give it in the mapping file.")
-        self._scales[name] = UNITS[unit]
-        return nodes
+                nodes.setdefault((name, _COMMANDED[item]), commanded)
+        return await _unit(nodes[name, item]) or await _unit(position)
 
     async def _channel_nodes(self) -> dict[_Key, Node]:
         found: dict[_Key, Node | None] = {}
@@ -293,7 +334,7 @@ class Session:
             before = self._positions()[0]
             for _, key, item in group:
                 self._set(key, item)
-            stamps = [stamp for stamp, key, _ in group if key[1] == "position"]
+            stamps = [stamp for stamp, key, _ in group if key[1] in _POSITIONS]
             if stamps:
                 self._refreshes |= before == self._positions()[0]
                 self._learn_interval(max(stamps))
@@ -332,8 +373,9 @@ class Session:
 
     def _emit(self, control_ns: int, *, fresh: bool) -> None:
         positions, commanded = self._positions()
-        if len(positions) < len(self._scales) and not self._bad:
+        if not self._all_came():
             return  # the first values are still on their way
+        unusable = self._unusable_now(positions)
         ours_ns, clock_ns = self._clock.observe(control_ns, self._received_ns)
         # Known to be unchanged by the server's clock only: sampled within one interval.
         spread_ns = 0.0 if fresh else 0.5e9 * self.revised_interval_s
@@ -344,6 +386,12 @@ class Session:
                 stamp_ns=ros_from_monotonic_ns(ours_ns),
                 stamp_uncertainty_ns=round(math.hypot(clock_ns, spread_ns)),
                 positions=positions,
+                unusable=unusable,
+                notes=tuple(
+                    f"axis {axis}: {choice.name} is used, {choice.why}"
+                    for axis, choice in self._chosen.items()
+                    if choice.name
+                ),
                 commanded=commanded,
                 in_position=self._in_position(),
                 fault=self._fault(),
@@ -361,37 +409,79 @@ class Session:
     def _positions(self) -> tuple[dict[str, float], dict[str, float]]:
         """Measured and commanded, mm and rad."""
         measured, commanded = {}, {}
-        for axis, scale in self._scales.items():
-            value = self._values.get((axis, "position"))
-            if value is None:
+        for axis in self._scales:
+            if self._is_inactive(axis):
                 continue
-            if hasattr(value, "ActPos"):
-                commanded[axis] = value.CmdPos * scale
-                value = value.ActPos
-            measured[axis] = value * scale
-            if self._values.get((axis, "commanded")) is not None:
-                commanded[axis] = self._values[axis, "commanded"] * scale
+            reading = self._reading(axis, "position")
+            if axis in self._twice:
+                both = {item: self._reading(axis, item) for item in TWICE}
+                choice = self._twice[axis].choose(*both.values())
+                self._chosen[axis] = choice
+                reading = both.get(choice.name, Reading(actual=None, why_not=choice.why))
+            if reading.actual is None:
+                continue
+            measured[axis] = reading.actual
+            if reading.commanded is not None:
+                commanded[axis] = reading.commanded
         return measured, commanded
+
+    def _reading(self, axis: str, item: str) -> Reading:
+        scale = self._scales[axis]
+        value: Any = self._values.get((axis, item))
+        wanted: Any = self._values.get((axis, _COMMANDED[item]))
+        if hasattr(value, "ActPos"):
+            value, wanted = value.ActPos, value.CmdPos
+        actual, commanded = _number(value), _number(wanted)
+        why = self._bad.get((axis, item), "")
+        if not why and actual is None:
+            why = f"{value!r} is no number"
+        return Reading(
+            actual=None if actual is None or why else actual * scale,
+            commanded=None if commanded is None else commanded * scale,
+            why_not=why,
+        )
+
+    def _is_inactive(self, axis: str) -> bool:
+        return self._values.get((axis, "inactive")) is True
+
+    def _all_came(self) -> bool:
+        """Whether every node of a position has been heard of once, good or bad."""
+        wanted = {key for key in self._keys.values() if key[1] in _POSITIONS}
+        return wanted <= self._values.keys()
+
+    def _unusable_now(self, positions: dict[str, float]) -> dict[str, str]:
+        """Why axes have no position now; those that are none (inactive) are left out."""
+        unusable = {a: why for a, why in self._unusable.items() if not self._is_inactive(a)}
+        for axis in self._scales:
+            if axis in positions or self._is_inactive(axis):
+                continue
+            choice = self._chosen.get(axis)
+            unusable[axis] = choice.why if choice else self._reading(axis, "position").why_not
+        lost = [a for (a, item), v in self._values.items() if item == "referenced" and v is False]
+        for axis in lost:
+            if axis in positions:
+                unusable[axis] = "is not referenced"
+        for (axis, item), why in self._bad.items():
+            if axis in positions and item in _POSITIONS_PROOF:
+                unusable[axis] = f"{item} is {why}"
+        return unusable
 
     def _spindle_angle_rad(self) -> float:
         value = self._values.get(("", "spindle_angle"))
-        return math.nan if value is None else getattr(value, "ActPos", value) * self._per_angle
+        angle = _number(getattr(value, "ActPos", value))
+        return math.nan if angle is None else angle * self._per_angle
 
     def _in_position(self) -> bool | None:
         states = [
             value == self._rest_values[axis]
             for (axis, item), value in self._values.items()
-            if item == "status" and axis
+            if item == "status" and axis in self._scales and not self._is_inactive(axis)
         ]
         return all(states) if states else None
 
     def _fault(self) -> str | None:
-        if self._bad:
-            return "; ".join(
-                f"{a or 'channel'} {item}: {why}" for (a, item), why in self._bad.items()
-            )
-        lost = [a for (a, item), v in self._values.items() if item == "referenced" and v is False]
-        return f"not referenced: {', '.join(lost)}" if lost else None
+        bad = [f"channel {item}: {why}" for (a, item), why in self._bad.items() if not a]
+        return "; ".join(bad) or None
 
 
 async def _child(node: Node, name: str) -> Node | None:
@@ -402,6 +492,31 @@ async def _child(node: Node, name: str) -> Node | None:
         if browse_name == wanted or (wanted is None and browse_name.Name == name):
             return Node(node.session, reference.NodeId)
     return None
+
+
+async def _bool(node: Node) -> bool | None:
+    """What a node says; None where that is not yes or no."""
+    try:
+        value = await node.read_value()
+    except ua.UaError:
+        return None
+    return value if isinstance(value, bool) else None
+
+
+async def _says_true(node: Node | None) -> bool:
+    return node is not None and await _bool(node) is True
+
+
+def _unit_trouble(units: set[str | None], turns: bool | None) -> str:
+    """Why units tell no scale; empty where they do."""
+    if None in units:
+        return "tells no unit; give it in the mapping file"
+    if len(units) > 1:
+        return f"has positions in {' and '.join(sorted(str(u) for u in units))}"
+    unit = next(iter(units))
+    if turns is not None and turns != (unit in ANGLE_UNITS):
+        return f"{'turns' if turns else 'does not turn'} but is told in {unit}"
+    return ""
 
 
 async def _first(interface: Node, name: str) -> Node | None:
@@ -416,8 +531,11 @@ async def _unit(node: Node) -> str | None:
     units = await _child(node, "EngineeringUnits")
     if units is None:
         return None
-    value = await units.read_value()
-    if value is None:
+    try:
+        value = await units.read_value()
+    except ua.UaError:  # of an axis that is none, often
+        return None
+    if not isinstance(value, ua.EUInformation):
         return None
     code = "".join(chr((value.UnitId >> shift) & 0xFF) for shift in (16, 8, 0)).strip("\0")
     return _UNIT_CODES.get(code) or _UNIT_WORDS.get((value.DisplayName.Text or "").strip().lower())
@@ -426,6 +544,12 @@ async def _unit(node: Node) -> str | None:
 def _ns(stamp: Any) -> int:
     """Nanoseconds since the epoch of a timestamp, without the rounding of floats."""
     return calendar.timegm(stamp.timetuple()) * 1_000_000_000 + stamp.microsecond * 1000
+
+
+def _number(value: object) -> float | None:
+    """A finite number; None for anything else that a server may hold."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return float(value) if is_number and math.isfinite(value) else None  # type: ignore[arg-type]
 
 
 def _line(value: object) -> int:

@@ -1,0 +1,52 @@
+"""A URDF that a person or another program wrote: told what is wrong, or expanded."""
+
+import shutil
+import stat
+
+import pytest
+
+from omm_cnc_bridge.machine.kinematics import Machine
+from omm_core.errors import InputError
+
+TEXT = """<robot name="m" {more}><link name="machine"/><link name="spindle"/>
+<joint name="X" type="prismatic"><parent link="machine"/><child link="spindle"/>
+<axis xyz="1 0 0"/><limit lower="{lower}" upper="0.5"/></joint></robot>"""
+
+
+def written(tmp_path, lower="-0.5", more=""):
+    path = tmp_path / "mill.urdf"
+    path.write_text(TEXT.format(lower=lower, more=more))
+    return path
+
+
+@pytest.mark.parametrize("text", ["-0,5", "left", "", "nan"])
+def test_a_limit_that_is_no_number_is_told_with_file_joint_and_attribute(tmp_path, text):
+    with pytest.raises(InputError, match=r"mill\.urdf: .*lower in the limit of joint X") as error:
+        Machine.load(written(tmp_path, text))
+    assert repr(text) in str(error.value)
+
+
+XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
+
+
+def test_a_file_for_xacro_is_called_so_where_xacro_is_missing(tmp_path, monkeypatch):
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    with pytest.raises(InputError, match=r"xacro is not installed"):
+        Machine.load(written(tmp_path, "${-travel/2}", XACRO))
+
+
+@pytest.mark.parametrize("works", [True, False])
+def test_xacro_is_run_where_it_is_installed(tmp_path, monkeypatch, works):
+    """With a stand-in that does what xacro does to this file, or refuses it as xacro does."""
+    tool = tmp_path / "xacro"
+    run = "sed 's/${-travel\\/2}/-0.25/' \"$1\"" if works else "echo 'name travel' >&2; exit 2"
+    tool.write_text(f"#!/bin/sh\n{run}\n")
+    tool.chmod(tool.stat().st_mode | stat.S_IXUSR)
+    monkeypatch.setattr(shutil, "which", lambda name: str(tool))
+    path = written(tmp_path, "${-travel/2}", XACRO)
+    if works:
+        (axis,) = Machine.load(path).axes
+        assert axis.lower == -250.0
+    else:
+        with pytest.raises(InputError, match=r"mill\.urdf: .*name travel"):
+            Machine.load(path)
