@@ -1,0 +1,130 @@
+"""Documents as PDF: the same content gives the same bytes, on any day.
+
+Fonts are DejaVu, out of matplotlib's folder, and embedded: a document looks the same everywhere.
+All dates inside are ``FIXED_DATE``: when something was measured is content, not a file's property.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import matplotlib
+import numpy as np
+from fpdf import FPDF
+from fpdf.fonts import FontFace
+from numpy.typing import NDArray
+from PIL import Image
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FIXED_DATE = datetime(2000, 1, 1, tzinfo=timezone.utc)
+_FAMILY = "DejaVu"
+_HEADING_PT = {1: 18, 2: 13, 3: 11}
+_TEXT_PT = 9.5
+
+
+class Document:
+    """An A4 document that grows from top to bottom.
+
+    Parameters
+    ----------
+    title : str
+        Stands on top, and in the file's properties.
+    """
+
+    def __init__(self, title: str) -> None:
+        self._pdf = FPDF(format="A4", unit="mm")
+        self._pdf.set_creation_date(FIXED_DATE)
+        self._pdf.set_title(title)
+        self._pdf.set_creator("omm")
+        self._pdf.set_producer("omm")
+        self._pdf.set_lang("en")
+        fonts = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
+        self._pdf.add_font(_FAMILY, "", fonts / "DejaVuSans.ttf")
+        self._pdf.add_font(_FAMILY, "B", fonts / "DejaVuSans-Bold.ttf")
+        self._pdf.set_auto_page_break(True, margin=18)
+        self._pdf.add_page()
+        self.heading(title, level=1)
+
+    def heading(self, text: str, *, level: int = 2) -> None:
+        """Add a heading; level 1 is the largest, 3 the smallest."""
+        self._pdf.ln(2 if level > 1 else 0)
+        self._pdf.set_font(_FAMILY, "B", _HEADING_PT[level])
+        self._pdf.multi_cell(0, None, text, new_x="LMARGIN", new_y="NEXT", align="L")
+        self._pdf.ln(1.5)
+
+    def paragraph(self, text: str) -> None:
+        """Add text; line breaks in it are kept."""
+        self._pdf.set_font(_FAMILY, "", _TEXT_PT)
+        self._pdf.multi_cell(0, None, text, new_x="LMARGIN", new_y="NEXT", align="L")
+        self._pdf.ln(1.5)
+
+    def table(
+        self,
+        rows: Sequence[Sequence[str]],
+        *,
+        widths: Sequence[float] | None = None,
+        heading_row: bool = True,
+    ) -> None:
+        """Add a table; ``widths`` are the columns' shares of the page's width.
+
+        The first row is repeated on each page where ``heading_row`` is true.
+        """
+        self._pdf.set_font(_FAMILY, "", _TEXT_PT - 1)
+        with self._pdf.table(
+            col_widths=tuple(widths) if widths is not None else None,
+            text_align="LEFT",
+            first_row_as_headings=heading_row,
+            headings_style=FontFace(emphasis="BOLD"),
+            borders_layout="HORIZONTAL_LINES",
+        ) as table:
+            for cells in rows:
+                row = table.row()
+                for cell in cells:
+                    row.cell(cell)
+        self._pdf.ln(2)
+
+    def figure(self, figure: Figure, *, caption: str = "", width_mm: float = 170.0) -> None:
+        """Add a matplotlib figure as a picture of 150 dpi."""
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="png", dpi=150, metadata={"Software": None})
+        with Image.open(buffer) as picture:
+            self._picture(picture.convert("RGB"), caption, width_mm)
+
+    def picture(
+        self, pixels: NDArray[np.uint8], *, caption: str = "", width_mm: float = 170.0
+    ) -> None:
+        """Add an image: (rows, columns) grey or (rows, columns, 3) in the order R, G, B."""
+        self._picture(Image.fromarray(np.ascontiguousarray(pixels)), caption, width_mm)
+
+    def attach(self, name: str, content: bytes, *, description: str, mime_type: str) -> None:
+        """Carry a file inside the document, for programs to read."""
+        self._pdf.embed_file(
+            bytes=content,
+            basename=name,
+            desc=description,
+            mime_type=mime_type,
+            modification_date=FIXED_DATE,
+            creation_date=FIXED_DATE,
+        )
+
+    def to_bytes(self) -> bytes:
+        """Return the finished file; nothing can be added afterwards."""
+        return bytes(self._pdf.output())
+
+    def _picture(self, picture: Image.Image, caption: str, width_mm: float) -> None:
+        width_mm = min(width_mm, self._pdf.epw)
+        height_mm = width_mm * picture.height / picture.width
+        if height_mm > self._pdf.eph:
+            width_mm, height_mm = width_mm * self._pdf.eph / height_mm, self._pdf.eph
+        if self._pdf.will_page_break(height_mm):
+            self._pdf.add_page()
+        self._pdf.image(picture, w=width_mm, h=height_mm, alt_text=caption or None)
+        self._pdf.ln(1)
+        if caption:
+            self.paragraph(caption)

@@ -1,0 +1,49 @@
+"""Documents: the same content gives the same bytes; what was put in can be read out."""
+
+import io
+import time
+
+import numpy as np
+import pikepdf
+
+from omm_report import document as document_module
+from omm_report.document import Document
+
+
+def _document(value: str = "1.25") -> bytes:
+    from matplotlib.figure import Figure
+
+    document = Document("Part β, α and γ")
+    document.heading("Result")
+    document.paragraph("Größe ± 0,01 mm\nsecond line")
+    document.table([["quantity", "value"], ["α", value]], widths=(1, 2))
+    figure = Figure(figsize=(4, 2))
+    figure.subplots().plot([0, 1], [1, 0])
+    document.figure(figure, caption="A line")
+    document.picture(np.full((20, 30), 128, dtype=np.uint8))
+    document.attach("data.json", b'{"a": 1}', description="data", mime_type="application/json")
+    return document.to_bytes()
+
+
+def test_same_content_same_bytes_in_another_second() -> None:
+    first = _document()
+    time.sleep(1.1)
+    assert _document() == first
+
+
+def test_other_content_gives_other_bytes() -> None:
+    assert _document("1.26") != _document()
+
+
+def test_attachment_comes_out_as_it_went_in() -> None:
+    with pikepdf.open(io.BytesIO(_document())) as pdf:
+        assert pdf.attachments["data.json"].get_file().read_bytes() == b'{"a": 1}'
+
+
+def test_every_font_is_embedded() -> None:
+    with pikepdf.open(io.BytesIO(_document())) as pdf:
+        fonts = [o for o in pdf.objects if isinstance(o, pikepdf.Dictionary)]
+        described = [o for o in fonts if o.get("/Type") == "/FontDescriptor"]
+    assert len(described) == 2
+    assert all("/FontFile2" in o for o in described)
+    assert document_module.FIXED_DATE.year == 2000
