@@ -253,16 +253,20 @@ class Session:
             return {}
         rotational = nodes.pop((name, "rotational"), None)
         turns = await _bool(rotational) if rotational is not None else None
-        units = set()
+        units: dict[str, str | None] = {}
         for item in _POSITIONS:
             if (name, item) in nodes:
-                units.add(items.unit or await self._split(name, item, nodes))
-        trouble = _unit_trouble(units, turns)
+                units[item] = await self._split(name, item, nodes)
+        if items.unit:
+            units = dict.fromkeys(units, items.unit)
+        elif len(units) > 1 and any(units.values()):
+            units = _without_unitless(name, units, nodes)
+        trouble = _unit_trouble(set(units.values()), turns)
         if trouble:
             self._unusable[name] = trouble
             inactive = nodes.get((name, "inactive"))
             return {} if inactive is None else {(name, "inactive"): inactive}
-        unit = str(units.pop())
+        unit = str(next(iter(units.values())))
         self._scales[name] = UNITS[unit]
         if (name, TWICE[0]) in nodes:
             self._twice[name] = TwoMeasurements(rotary=unit in ANGLE_UNITS)
@@ -492,6 +496,23 @@ async def _child(node: Node, name: str) -> Node | None:
         if browse_name == wanted or (wanted is None and browse_name.Name == name):
             return Node(node.session, reference.NodeId)
     return None
+
+
+def _without_unitless(
+    name: str, units: dict[str, str | None], nodes: dict[_Key, Node]
+) -> dict[str, str | None]:
+    """Leave out a position that a server has by its type only, without a unit, beside another."""
+    kept = {item: unit for item, unit in units.items() if unit is not None}
+    for item in units.keys() - kept.keys():
+        for key in (item, _COMMANDED[item]):
+            nodes.pop((name, key), None)
+    if len(kept) > 1:
+        return dict(kept)
+    ((only, unit),) = kept.items()
+    for key, plain in ((only, "position"), (_COMMANDED[only], "commanded")):
+        if (name, key) in nodes:
+            nodes[name, plain] = nodes.pop((name, key))
+    return {"position": unit}
 
 
 async def _bool(node: Node) -> bool | None:
