@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import datetime
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from omm_core.camera_calibration.cmm import calibrate_by_places
+from omm_core.camera_calibration.machine import calibrate_by_run
 from omm_core.camera_calibration.model import PARAMETERS, Sensor
 from omm_core.camera_calibration.result import CalibrationResult
 from omm_core.errors import InputError
 from omm_core.files.calibration_set import CmmSet, MachineSet, load_calibration_set
 from omm_core.files.camera_writing import camera_yaml
+from omm_core.files.part import load_part
 from omm_core.imaging.calibration import load_calibration
+from omm_runs.recorded_observations import observations_of_run
 
 
 def calibrate_set(path: Path) -> tuple[CmmSet | MachineSet, CalibrationResult]:
@@ -35,7 +39,7 @@ def calibrate_set(path: Path) -> tuple[CmmSet | MachineSet, CalibrationResult]:
         pixel_size_mm=given.camera.pixel_size_mm,
     )
     if isinstance(given, MachineSet):
-        raise InputError(f"{given.path}: sets of the kind 'machine' cannot be used yet.")
+        return given, _calibrate_machine(given, sensor)
     return given, _calibrate_cmm(given, sensor)
 
 
@@ -60,6 +64,20 @@ def _calibrate_cmm(given: CmmSet, sensor: Sensor) -> CalibrationResult:
         dot_diameter_mm=given.dot_diameter_mm,
         hint=_hint(given.nominal),
     )
+
+
+def _calibrate_machine(given: MachineSet, sensor: Sensor) -> CalibrationResult:
+    part = load_part(given.part)
+    found = observations_of_run(given.run, part, (sensor.height_px, sensor.width_px))
+    result = calibrate_by_run(
+        sensor,
+        found.observations,
+        part,
+        machine_sigma_mm=given.machine_sigma_mm,
+        touched=given.touched,
+        hint=_hint(given.nominal),
+    )
+    return replace(result, findings=(*result.findings, *found.refused))
 
 
 def camera_file(given: CmmSet | MachineSet, result: CalibrationResult) -> str:

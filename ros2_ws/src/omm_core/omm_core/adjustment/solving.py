@@ -147,7 +147,7 @@ class _Scaled:
         except np.linalg.LinAlgError:
             if not look:
                 raise
-        if look and len(inverse) and np.diag(inverse).max() > 0.01 / UNDETERMINED:
+        if look and len(inverse) and np.abs(np.diag(inverse)).max() > 0.01 / UNDETERMINED:
             values, vectors = np.linalg.eigh(self.matrix)
             lost = values < UNDETERMINED
             directions = [vectors[:, i] * self.scale for i in np.flatnonzero(lost)]

@@ -91,7 +91,7 @@ def calibrate_by_places(
             Observation(
                 image=images[i],
                 pixel=pixels[i],
-                residual_px=solution.residuals["pixels"][i],
+                residual_px=-solution.residuals["pixels"][i],
                 reason=None if used[i] else reason,
             )
             for i in range(n)

@@ -22,7 +22,7 @@ LARGEST_SIGMA_PX = 10.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Observation:
-    """One image of one dot: measured, and measured minus predicted."""
+    """One image of one dot: measured, and predicted minus measured (as solve tells it)."""
 
     image: str
     pixel: Array

@@ -1,0 +1,93 @@
+"""A set's files are read, judged and end in a camera.yaml that loads as it was solved."""
+
+import json
+
+import numpy as np
+import pytest
+
+from omm_core.camera_calibration.model import PARAMETERS, Sensor, project_with_derivatives
+from omm_core.errors import InputError
+from omm_core.files.calibration_set import load_calibration_set
+from omm_core.geometry import rotation_from_euler_xyz_rad
+from omm_core.imaging.calibration import load_calibration
+from omm_core.imaging.circle import circle_points
+from omm_runs.calibrating import calibrate_set, camera_file
+
+TRUTH = np.array(
+    [6.189, -8.732, 27.52, 2.997e-8, -1.937e-15, -6.188e-8, 3.408e-7,
+     -2.139, 0.301, -320.2, np.pi - 0.003, -0.009, 0.03]
+)  # fmt: skip
+SET = """kind: cmm
+camera: {name: test, width_px: 2592, height_px: 1944, pixel_size_mm: 0.0022}
+model: brown_photogrammetric
+points: points.csv
+target: {dot_diameter_mm: 5.0, normal: [0, 0, 1]}
+sigma_xyz_mm: 0.001
+sigma_px: 0.02
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    sensor = Sensor(name="test", width_px=2592, height_px=1944, pixel_size_mm=0.0022)
+    grid = np.stack(np.meshgrid(np.linspace(150, 2440, 6), np.linspace(150, 1790, 5)), axis=-1)
+    rays = sensor.lens(TRUTH).rays(grid.reshape(-1, 2))
+    rotation = rotation_from_euler_xyz_rad(*TRUTH[10:])
+    places = np.concatenate([rays * d @ rotation.T + TRUTH[7:10] for d in (130, 250, 500)])
+    normals = np.tile([0.0, 0.0, 1.0], (len(places), 1))
+    outlines = circle_points(places, normals, np.full(len(places), 5.0))
+    pixels = project_with_derivatives(sensor, TRUTH, outlines)[0]
+    pixels = pixels + np.random.default_rng(0).normal(0, 0.02, pixels.shape)
+    lines = ["image,x_mm,y_mm,z_mm,col_px,row_px"]
+    for number, (place, pixel) in enumerate(zip(places, pixels, strict=True)):
+        lines.append(f"{number}.png," + ",".join(f"{v:.6f}" for v in (*place, *pixel)))
+    (tmp_path / "points.csv").write_text("\n".join(lines) + "\n")
+    (tmp_path / "set.yaml").write_text(SET)
+    return tmp_path
+
+
+def test_the_camera_file_loads_as_it_was_solved(folder):
+    given, result = calibrate_set(folder)
+    (folder / "camera.yaml").write_text(camera_file(given, result))
+    loaded = load_calibration(folder / "camera.yaml")
+    assert loaded.parameters == PARAMETERS
+    # alpha is read back modulo a turn.
+    assert loaded.parameter_values(PARAMETERS[:10]) == pytest.approx(result.camera[:10], rel=1e-12)
+    rotation = rotation_from_euler_xyz_rad(*result.camera[10:])
+    assert loaded.taper_T_camera.rotation == pytest.approx(rotation, abs=1e-14)
+    assert loaded.covariance == pytest.approx(result.covariance, rel=1e-9)
+
+
+def test_the_json_is_as_the_contract_has_it(folder):
+    _, result = calibrate_set(folder / "set.yaml")
+    told = json.loads(json.dumps(result.to_json_dict(), allow_nan=False))
+    assert told["parameters"] == list(PARAMETERS)
+    assert np.shape(told["covariance"]) == (13, 13)
+    assert told["degrees_of_freedom"] == 2 * 90 - 13
+    assert {"image", "col_px", "row_px", "residual_px", "used", "reason"} <= set(
+        told["observations"][0]
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("kind: cmm", "kind: cmn", "'cmm' or 'machine'"),
+        ("brown_photogrammetric", "plumb_bob", "brown_photogrammetric"),
+        ("normal: [0, 0, 1]", "normal: [0, 0, 0]", "a direction"),
+        ("sigma_px: 0.02", "", "sigma_px"),
+        ("points.csv", "none.csv", "cannot be read"),
+    ],
+)
+def test_mistakes_in_a_set_are_named(folder, old, new, words):
+    (folder / "set.yaml").write_text(SET.replace(old, new))
+    with pytest.raises(InputError, match=words):
+        load_calibration_set(folder)
+
+
+def test_a_place_that_is_no_number_is_named_by_line(folder):
+    text = (folder / "points.csv").read_text().splitlines()
+    text[4] = text[4].replace(text[4].split(",")[1], "abc")
+    (folder / "points.csv").write_text("\n".join(text))
+    with pytest.raises(InputError, match=r"line 5.*x_mm.*abc"):
+        load_calibration_set(folder)
