@@ -47,8 +47,13 @@ def machine_T_part(result: MeasurementResult) -> RigidTransform:
     return RigidTransform.from_euler_xyz_rad(alpha, beta, gamma, xyz_mm)
 
 
-def estimate_message(result: MeasurementResult, clamping: int) -> PartEstimate:
-    """The whole result as /omm/estimate; of which clamping since the node started."""
+def estimate_message(
+    result: MeasurementResult, clamping: int, revoked_reason: str = ""
+) -> PartEstimate:
+    """The whole result as /omm/estimate; of which clamping since the node started.
+
+    With a reason it revokes what was published before.
+    """
     solution = result.solution
     newest_ns = max((image.stamp_ns for image in result.images), default=0)
     message = PartEstimate(
@@ -67,6 +72,8 @@ def estimate_message(result: MeasurementResult, clamping: int) -> PartEstimate:
         missing=list(result.missing),
         findings=list(result.findings),
         clamping=clamping,
+        revoked=bool(revoked_reason),
+        revoked_reason=revoked_reason,
     )
     message.images = [
         ImageStatus(stamp=time_from_ns(i.stamp_ns), used=i.used, reason=i.reason or "")
@@ -113,25 +120,41 @@ def pose_message(result: MeasurementResult) -> PoseWithCovarianceStamped:
     return message
 
 
+def revoked_pose(stamp_ns: int) -> PoseWithCovarianceStamped:
+    """What replaces a latched pose that holds no longer: a position of NaN, covariance[0] = -1."""
+    message = PoseWithCovarianceStamped()
+    message.header = Header(stamp=time_from_ns(stamp_ns), frame_id="machine")
+    position = message.pose.pose.position
+    position.x = position.y = position.z = math.nan
+    message.pose.covariance[0] = -1.0
+    return message
+
+
+def camera_frame(calibration: CameraCalibration) -> TransformStamped:
+    """Where the camera sits in the taper; true as long as the calibration is."""
+    return _frame("taper", "camera_optical", calibration.taper_T_camera, 0)
+
+
 def frame_transforms(
-    result: MeasurementResult | None, calibration: CameraCalibration, part_frame: str
+    result: MeasurementResult, part_frame: str, stamp_ns: int
 ) -> list[TransformStamped]:
-    """What the estimator knows of the frames: camera in taper, and, once solved, the rest."""
-    frames = [("taper", "camera_optical", calibration.taper_T_camera)]
-    stamp_ns = 0
-    if result is not None and result.determined:
-        gamma_s_rad = float(result.solution.theta[6])
-        holder = RigidTransform(rotation=holder_rotation(gamma_s_rad), translation_mm=np.zeros(3))
-        frames += [("spindle", "taper", holder), ("machine", part_frame, machine_T_part(result))]
-        stamp_ns = max(image.stamp_ns for image in result.images)
+    """What a determined result tells of the frames, said again at ``stamp_ns``."""
+    gamma_s_rad = float(result.solution.theta[6])
+    holder = RigidTransform(rotation=holder_rotation(gamma_s_rad), translation_mm=np.zeros(3))
     return [
-        TransformStamped(
-            header=Header(stamp=time_from_ns(stamp_ns), frame_id=parent),
-            child_frame_id=child,
-            transform=transform_message(parent_t_child),
-        )
-        for parent, child, parent_t_child in frames
+        _frame("spindle", "taper", holder, stamp_ns),
+        _frame("machine", part_frame, machine_T_part(result), stamp_ns),
     ]
+
+
+def _frame(
+    parent: str, child: str, parent_t_child: RigidTransform, stamp_ns: int
+) -> TransformStamped:
+    return TransformStamped(
+        header=Header(stamp=time_from_ns(stamp_ns), frame_id=parent),
+        child_frame_id=child,
+        transform=transform_message(parent_t_child),
+    )
 
 
 def observations_message(

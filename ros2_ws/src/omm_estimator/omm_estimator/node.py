@@ -38,6 +38,7 @@ from omm_ros.parameters import declare, watch
 _SETTLE_PERIOD_S = 0.02
 # Times what the last update took: after thousands of images, not every one gets its own.
 _PAUSE = 4.0
+_FRAMES_PERIOD_S = 0.5
 _IMAGES = "/camera/image_raw"
 _POSES_BETWEEN_FORGETTING = 50_000
 _REMEMBERED_NS = 600_000_000_000  # poses of ten minutes, for images that come late
@@ -55,6 +56,7 @@ class EstimatorNode(LifecycleNode):
         self._due = False
         self._pause_until_s = 0.0
         self._clamping = 0
+        self._holds = False  # whether a pose that was published still holds
         self._poses = self._bad_poses = 0
         self._image_number = self._missed_images = 0
         self._last: MeasurementResult | None = None
@@ -64,7 +66,9 @@ class EstimatorNode(LifecycleNode):
         self._observations = self.create_publisher(
             TargetObservations, "/omm/observations", qos.OBSERVATIONS
         )
-        self._frames = self.create_publisher(TFMessage, "/tf_static", qos.LATCHED)
+        # Never on /tf_static: what was latched there would outlive the clamping.
+        self._frames = self.create_publisher(TFMessage, "/tf", qos.STATE)
+        self._camera_frame = self.create_publisher(TFMessage, "/tf_static", qos.LATCHED)
         diagnostics = Diagnostics(self)
         diagnostics.add("images", self._image_health)
         diagnostics.add("estimate", self._estimate_health)
@@ -86,7 +90,10 @@ class EstimatorNode(LifecycleNode):
             self.create_service(Trigger, "~/new_clamping", self._on_new_clamping),
             self.create_service(LoadPart, "~/load_part", self._on_load_part),
         ]
-        self._timer = self.create_timer(_SETTLE_PERIOD_S, self._on_timer)
+        self._ticking = [
+            self.create_timer(_SETTLE_PERIOD_S, self._on_timer),
+            self.create_timer(_FRAMES_PERIOD_S, self._publish_frames),
+        ]
         return super().on_configure(state)
 
     @transition
@@ -109,7 +116,9 @@ class EstimatorNode(LifecycleNode):
             self.destroy_subscription(subscription)
         for service in self._answers:
             self.destroy_service(service)
-        self.destroy_timer(self._timer)
+        for timer in self._ticking:
+            self.destroy_timer(timer)
+        self._revoke("the estimator was told to forget everything")
         self._measurement = self._last = None
         return super().on_cleanup(state)
 
@@ -182,7 +191,7 @@ class EstimatorNode(LifecycleNode):
         part, calibration = self._measurement.part, self._measurement.calibration
         self._measurement = Measurement(part, calibration, self._p.measurement_options())
         self._clamping += 1
-        self._publish()
+        self._publish("new clamping: all images were forgotten")
         response.success, response.message = True, f"part {part.name}: all images forgotten"
         self.get_logger().info(response.message)
         return response
@@ -214,7 +223,7 @@ class EstimatorNode(LifecycleNode):
         part = self._begin(part_file)
         self._p = replace(self._p, part_file=part_file)
         self._clamping += 1
-        self._publish()
+        self._publish(f"new part: {part.name}")
         return part
 
     def _begin(self, part_file: str) -> Part:
@@ -226,19 +235,45 @@ class EstimatorNode(LifecycleNode):
         part, calibration = load_part(part_file), load_calibration(self._p.calibration_file)
         self._measurement = Measurement(part, calibration, self._p.measurement_options())
         self._last = None
+        camera = conversions.camera_frame(calibration)
+        self._camera_frame.publish(TFMessage(transforms=[camera]))
         return part
 
-    def _publish(self) -> None:
+    def _publish(self, reason: str = "") -> None:
+        """Publish the estimate. What was published before and holds no longer is revoked."""
         if self._measurement is None:
             return
         result = self._measurement.result()
-        calibration = self._measurement.calibration
         self._pending, self._last = result.images_pending, result
+        if not result.determined and self._holds:
+            self._revoke(reason or "; ".join(result.missing) or "no longer determined")
+            return
         self._estimate.publish(conversions.estimate_message(result, self._clamping))
         if result.determined:
             self._pose.publish(conversions.pose_message(result))
-        frames = conversions.frame_transforms(result, calibration, self._p.part_frame)
-        self._frames.publish(TFMessage(transforms=frames))
+            self._holds = True
+            self._publish_frames()
+
+    def _revoke(self, reason: str) -> None:
+        """Replace what is latched and no longer true, so that nobody machines by it."""
+        if not self._holds or self._measurement is None:
+            return
+        self._holds = False
+        forgotten = Measurement(
+            self._measurement.part, self._measurement.calibration, self._p.measurement_options()
+        )
+        result = self._measurement.result()
+        told = forgotten.result() if result.determined else result
+        self._estimate.publish(conversions.estimate_message(told, self._clamping, reason))
+        self._pose.publish(conversions.revoked_pose(self.get_clock().now().nanoseconds))
+        self.get_logger().info(f"the pose published before is revoked: {reason}")
+
+    def _publish_frames(self) -> None:
+        result = self._last
+        if self._holds and result is not None and result.determined:
+            now_ns = self.get_clock().now().nanoseconds
+            frames = conversions.frame_transforms(result, self._p.part_frame, now_ns)
+            self._frames.publish(TFMessage(transforms=frames))
 
     # --- diagnostics ---------------------------------------------------------------------------
 

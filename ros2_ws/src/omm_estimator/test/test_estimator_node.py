@@ -8,13 +8,16 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from estimator_bench import Bench, bench_in_own_domain, end
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from omm_interfaces.srv import LoadPart
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
+from tf2_msgs.msg import TFMessage
 
+from omm_ros import qos
 from omm_ros.conversions import image_message
 from omm_simulation.cell import Cell, draw, write_estimator_files
 from omm_simulation.offline import Faults, ImageMessage, run
@@ -125,6 +128,38 @@ def test_a_new_clamping_and_another_part_forget_the_images(
     right = bench.call(LoadPart, "/estimator/load_part", LoadPart.Request(part_file=str(other)))
     assert right.success  # type: ignore[attr-defined]
     bench.until(lambda: bench.estimates[-1].part == "gantry", "the other part")
+
+
+def test_a_pose_that_no_longer_holds_is_revoked_for_late_listeners_too(
+    bench: Bench, messages: list[object]
+) -> None:
+    frames: list[tuple[str, str]] = []
+
+    def heard(message: TFMessage) -> None:
+        frames.extend((f.header.frame_id, f.child_frame_id) for f in message.transforms)
+
+    bench.node.create_subscription(TFMessage, "/tf", heard, qos.STATE)
+    assert bench.play(messages, images=8).determined
+    holding = {("machine", "part"), ("spindle", "taper")}
+    bench.until(lambda: frames.count(("machine", "part")) > 3, "frames said again and again")
+    assert holding <= set(frames)
+    bench.call(Trigger, "/estimator/new_clamping", Trigger.Request())
+    bench.until(lambda: bench.estimates[-1].revoked, "an estimate that revokes")
+    revoking = bench.estimates[-1]
+    assert "new clamping" in revoking.revoked_reason
+    assert not revoking.determined
+    assert np.all(np.isnan([*revoking.theta, *revoking.covariance]))
+    late: list[PoseWithCovarianceStamped] = []
+    bench.node.create_subscription(
+        PoseWithCovarianceStamped, "/omm/part_pose", late.append, qos.LATCHED
+    )
+    bench.until(lambda: bool(late), "what is latched")
+    for message in (late[0], bench.poses[-1]):
+        assert np.isnan(message.pose.pose.position.x)
+        assert message.pose.covariance[0] == -1.0
+    frames.clear()
+    bench.idle(1.5)
+    assert not holding & set(frames)
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.03, 0.1, 0.3])
