@@ -1,5 +1,9 @@
 """A measuring program in G-code, with the handshake that the bridge answers.
 
+Before anything else the spindle goes out along the tool, from wherever it is. What the program
+changes of the modal state is restored at its end (M70, M72). The tool length is left alone: G53
+does without it, and M72 would not give a G43.1 back.
+
 For each stop: go there, wait, ask for image n (``M68 E0 Qn`` and ``M64 P0``), wait for the answer
 (``M66 P0 L3``), withdraw the request, wait until the answer is withdrawn too. An image that does
 not come stops the program with a message instead of leaving a hole in the measurement.
@@ -94,11 +98,18 @@ def measuring_program(
     if not stops:
         raise InputError("Expected stops for a measuring program, got none. Has the part targets?")
     away = options.retract_mm * machine_R_spindle[:, 2]
-    lines = [f"({title}: {len(stops)} images)", "G21 G90 G94 G49 G40 G17", "G64 P0.001"]
+    lines = [
+        f"({title}: {len(stops)} images)",
+        "M70 (M72 restores the modal state)",
+        "G21 G90 G94 G40 G17",
+        "G64 P0.001",
+        *_retract(stops, away, machine_R_spindle[:, 2]),
+    ]
     if rotary_deg:
         turned = " ".join(f"{name}{angle:.6f}" for name, angle in rotary_deg)
         lines.append(f"G53 G0 {turned}")
     lines += ["M65 P0", "M66 P0 L4 Q5 (no old answer)", f"F{options.feed_mm_per_min:.0f}"]
+    lines.append(_beside(stops[0].spindle_in_machine_mm + away, machine_R_spindle[:, 2]))
     before: Stop | None = None
     for number, stop in enumerate(stops, start=1):
         if before is None or before.target_id != stop.target_id:
@@ -108,8 +119,38 @@ def measuring_program(
         lines.append(_move(stop.spindle_in_machine_mm))
         lines += _ask(number, stop.target_id, options)
         before = stop
-    lines += ["M2", "%"]
+    lines.append(_move(stops[-1].spindle_in_machine_mm + away))
+    lines += ["M72", "M2", "%"]
     return "%\n" + "\n".join(lines) + "\n"
+
+
+def _retract(
+    stops: Sequence[Stop], away_mm: NDArray[np.float64], tool: NDArray[np.float64]
+) -> list[str]:
+    """Go to where all stops are cleared, along the tool only, from wherever the spindle is.
+
+    The axis that is nearest to the tool's direction is moved. Where the spindle is farther out
+    already it stays: nothing is known of what lies between.
+    """
+    axis = int(np.argmax(np.abs(tool)))
+    outward = 1.0 if tool[axis] > 0.0 else -1.0
+    places = [outward * (stop.spindle_in_machine_mm + away_mm)[axis] for stop in stops]
+    clear = outward * max(places)
+    letter = "XYZ"[axis]
+    nearer = "LT" if outward > 0.0 else "GT"
+    return [
+        "(first out along the tool, then beside the first stop, then in)",
+        f"O99 IF [#<_abs_{letter.lower()}> {nearer} {clear:.4f}]",
+        f"G53 G0 {letter}{clear:.4f}",
+        "O99 ENDIF",
+    ]
+
+
+def _beside(position_mm: NDArray[np.float64], tool: NDArray[np.float64]) -> str:
+    """Move the two axes across the tool, as far out as the spindle is."""
+    along = int(np.argmax(np.abs(tool)))
+    words = [f"{'XYZ'[i]}{position_mm[i]:.4f}" for i in range(3) if i != along]
+    return f"G53 G0 {' '.join(words)}"
 
 
 def _move(position_mm: NDArray[np.float64]) -> str:
@@ -127,6 +168,7 @@ def _ask(number: int, target_id: int, options: ProgramOptions) -> list[str]:
         "M65 P0",
         f"O{100 + number} IF [#5399 LT 0]",
         f"(MSG,no image {number}: see /cnc/state for the reason)",
+        "M72",
         "M2",
         f"O{100 + number} ENDIF",
         "M66 P0 L4 Q5",

@@ -115,6 +115,19 @@ def test_in_position_comes_before_the_axis_has_arrived_and_the_bridge_waits(cont
     assert truly.stamp_ns - says_so.stamp_ns >= 200_000_000
 
 
+def test_what_is_told_is_the_machines_whatever_offset_is_active(control):
+    """G53 to one place under each: the joints are there, and the tool point's numbers are not."""
+    read(control, 3.0, is_settled)
+    for active in ("G43.1 Z25", "G92 X1 Y2 Z3", "G52 X7", "G10 L2 P1 X5 Y6 Z7 R30"):
+        mdi(control, active)
+        mdi(control, "G53 G0 X0 Y0 Z100")
+        mdi(control, "G53 G0 X20 Y10 Z100")
+        last = read(control, 1.0)[-1]
+        assert [last.positions[axis] for axis in "XYZ"] == pytest.approx([20, 10, 100], abs=0.005)
+    for cleared in ("G49", "G92.1", "G10 L2 P1 X0 Y0 Z0 R0"):
+        mdi(control, cleared)
+
+
 def test_measuring_program_is_answered_and_runs_to_its_end(cell):
     stops = [
         Stop(target_id=i // 2, spindle_in_machine_mm=np.array([20.0 * i, 10.0 * i, 50.0]))
