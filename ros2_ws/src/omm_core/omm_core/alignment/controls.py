@@ -1,0 +1,276 @@
+"""The words of each control for a part's pose.
+
+Each function takes the pose, the place where it must be right and the offset's name, and returns
+`Words`: the lines, and the pose that these lines, as rounded, say.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omm_core.alignment import angles
+from omm_core.errors import InputError, MeasurementError
+from omm_core.geometry import RigidTransform, rotation_from_euler_xyz_rad
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Words:
+    """What a control is told: lines before, that set, after; and the pose they say.
+
+    ``unconfirmed`` is what has to be confirmed at this control before it is relied on.
+    """
+
+    lines: tuple[str, ...]
+    said: RigidTransform
+    unconfirmed: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Control:
+    """A control: its words, its offsets, its comments."""
+
+    offset: str
+    """The offset where none is named."""
+    offsets: str
+    """The offsets there are, for messages."""
+    number_of: Callable[[str], int | None]
+    """Number of an offset in the control's own count, None where there is no such offset."""
+    words: Callable[[RigidTransform, Array, str, int], Words]
+    comment: Callable[[str], str]
+
+
+def linuxcnc(pose: RigidTransform, place_mm: Array, name: str, number: int) -> Words:
+    """Offset with a turn about Z; right at ``place_mm`` (part frame), the tilt is left over."""
+    r = pose.rotation
+    turn = round(math.degrees(math.atan2(r[1, 0] - r[0, 1], r[0, 0] + r[1, 1])), 9)
+    turned = rotation_from_euler_xyz_rad(0.0, 0.0, math.radians(turn))
+    xyz = np.round(pose @ place_mm - turned @ place_mm, 6)
+    x, y, z = (_text(value, 6) for value in xyz)
+    return Words(
+        lines=("G21 G90", f"G10 L2 P{number} X{x} Y{y} Z{z} R{_text(turn, 9)}", "M2"),
+        said=RigidTransform(rotation=turned, translation_mm=xyz),
+        unconfirmed=(f"G92 is not set while {name} is used (G92.1 clears it)",),
+    )
+
+
+def siemens(pose: RigidTransform, place_mm: Array, name: str, number: int) -> Words:
+    """Settable frame: turned about Z, Y', X'' (RPY, MD10600 = 1)."""
+    turn = tuple(round(angle, 8) for angle in angles.rpy_deg(pose.rotation))
+    if abs(turn[1]) > 89.999:
+        raise MeasurementError(
+            f"Expected a turn about Y of less than 90 degrees, got {turn[1]:.6f}: CROT cannot"
+            " say it without doubt. Turn the part, or the frame it is described in."
+        )
+    xyz = np.round(pose.translation_mm, 6)
+    x, y, z = (_text(value, 6) for value in xyz)
+    a, b, c = (_text(value, 8) for value in turn)
+    return Words(
+        lines=(
+            "IF $MN_FRAME_ANGLE_INPUT_MODE <> 1",
+            '  MSG("omm: MD10600 is not 1 (RPY), frame not written")',
+            "  SETAL(65000)",
+            "  M0",
+            "ELSE",
+            f"  $P_UIFR[{number}] = CTRANS(X,{x},Y,{y},Z,{z}) : CROT(X,{a},Y,{b},Z,{c})",
+            "ENDIF",
+            "M30",
+        ),
+        said=RigidTransform(rotation=angles.rotation_of_rpy(_three(turn)), translation_mm=xyz),
+        unconfirmed=(
+            "the control's basic system is metric; the frame is used where the program says"
+            f" {name}",
+            "alarm 65000 is free on this control",
+        ),
+    )
+
+
+def heidenhain(pose: RigidTransform, place_mm: Array, name: str, number: int) -> Words:
+    """A row of the preset table; SPA, SPB, SPC about fixed A, B, C. Four decimals are kept."""
+    turn = tuple(round(angle, 4) for angle in angles.rpy_deg(pose.rotation))
+    xyz = np.round(pose.translation_mm, 4)
+    columns = zip(("X", "Y", "Z", "SPA", "SPB", "SPC"), (*xyz, *turn), strict=True)
+    row = " ".join(f"{column} {_text(value, 4, sign=True)}" for column, value in columns)
+    return Words(
+        lines=(f"NR {number} {row}",),
+        said=RigidTransform(rotation=angles.rotation_of_rpy(_three(turn)), translation_mm=xyz),
+        unconfirmed=(
+            "the preset table has the columns SPA, SPB, SPC and reads them as PLANE SPATIAL"
+            " does (about fixed A, then B, then C)",
+            "four decimals are kept in each column",
+        ),
+    )
+
+
+def fanuc(pose: RigidTransform, place_mm: Array, name: str, number: int) -> Words:
+    """Offset of the place, then G68.2 with angles about Z, X', Z''."""
+    xyz = [_eight_digits(value) for value in pose.translation_mm]
+    turn = [_eight_digits(value) for value in angles.zxz_deg(pose.rotation)]
+    error = [_eight_digits(value) for value in angles.xyz_turned_deg(pose.rotation)]
+    table = f"L20 P{number}" if name.startswith("G54.1") else f"L2 P{number}"
+    numbers = [float(value) for value in (*xyz, *turn)]
+    g54_4 = " ".join(
+        f"#{26010 + at}={value}"
+        for at, value in zip((0, 1, 2, 3, 4, 5), (*xyz, *error), strict=True)
+    )
+    return Words(
+        lines=(
+            "G21 G90",
+            f"G10 {table} X{xyz[0]} Y{xyz[1]} Z{xyz[2]}",
+            name,
+            f"G68.2 X0. Y0. Z0. I{turn[0]} J{turn[1]} K{turn[2]}",
+            "M30",
+        ),
+        said=RigidTransform(
+            rotation=angles.rotation_of_zxz(_three(numbers[3:])),
+            translation_mm=np.array(numbers[:3]),
+        ),
+        unconfirmed=(
+            "the control keeps 5 decimals (increment system IS-D or IS-E); IS-B keeps 3",
+            "G53.1 turns the tool to this plane and moves axes: it is not in here, call it where"
+            " that is safe. G69 ends G68.2",
+            f"instead of G68.2, G54.4 P1 with a zero offset would be {g54_4}, order about X, Y,"
+            " Z of the current system; +2, +3, +4 are inferred",
+        ),
+    )
+
+
+def fagor(pose: RigidTransform, place_mm: Array, name: str, number: int) -> Words:
+    """8070: offset of the place, then a coordinate system of MODE 1 (about X, Y', Z'')."""
+    xyz = np.round(pose.translation_mm, 5)
+    turn = tuple(round(angle, 6) for angle in angles.xyz_turned_deg(pose.rotation))
+    x, y, z = (_text(value, 5) for value in xyz)
+    a, b, c = (_text(value, 6) for value in turn)
+    return Words(
+        lines=(
+            "G71 G90",
+            *(
+                f"V.A.ORGT[{number}].{axis} = {value}"
+                for axis, value in zip("XYZ", (x, y, z), strict=True)
+            ),
+            name,
+            f"#CS DEF [1] [MODE 1, 0, 0, 0, {a}, {b}, {c}]",
+            "M30",
+        ),
+        said=RigidTransform(
+            rotation=angles.rotation_of_xyz_turned(_three(turn)), translation_mm=xyz
+        ),
+        unconfirmed=(
+            "MODE 1 turns about X, then the turned Y, then the turned Z",
+            f"V.A.ORGT[{number}] is {name}; #CS ON [1] switches the system on",
+            f"on an 8055 instead: G49 X{x} Y{y} Z{z} A{a} B{b} C{c} with a zero offset",
+        ),
+    )
+
+
+def _text(value: float, decimals: int, *, sign: bool = False) -> str:
+    """Return a number without exponent and without a negative zero."""
+    rounded = round(float(value), decimals) + 0.0
+    return f"{rounded:{'+' if sign else ''}.{decimals}f}"
+
+
+def _eight_digits(value: float) -> str:
+    """Return a number of 5 decimals, fewer where it would have more than Fanuc's 8 digits."""
+    whole = len(f"{abs(value):.0f}")
+    return _text(value, max(0, min(5, 8 - whole)))
+
+
+def _three(values: tuple[float, ...] | list[float]) -> tuple[float, float, float]:
+    a, b, c = values
+    return a, b, c
+
+
+def _in_brackets(text: str) -> str:
+    """Return a comment of Fanuc: capitals, no brackets inside, no small print."""
+    return "(" + re.sub(r"[^A-Z0-9 .,:;#=+/<>-]", " ", text.upper()) + ")"
+
+
+def _semicolon(text: str) -> str:
+    return f"; {text}"
+
+
+def _listed(names: tuple[str, ...]) -> Callable[[str], int | None]:
+    return lambda name: names.index(name) + 1 if name in names else None
+
+
+def _siemens_number(name: str) -> int | None:
+    found = re.fullmatch(r"G(5[4-7]|5(?:0[5-9]|[1-9][0-9]))", name)
+    if found is None:
+        return None
+    number = int(found[1])
+    return number - 53 if number < 100 else number - 500
+
+
+def _heidenhain_number(name: str) -> int | None:
+    return int(name) if re.fullmatch(r"[0-9]{1,4}", name) else None
+
+
+def _fanuc_number(name: str) -> int | None:
+    found = re.fullmatch(r"G54\.1 ?P([1-9][0-9]{0,2})", name)
+    if found is not None:
+        return int(found[1]) if int(found[1]) <= 300 else None
+    return _listed(_G54_TO_G59)(name)
+
+
+_G54_TO_G59 = ("G54", "G55", "G56", "G57", "G58", "G59")
+CONTROLS = {
+    "linuxcnc": Control(
+        offset="G54",
+        offsets="G54 to G59, G59.1, G59.2, G59.3",
+        number_of=_listed((*_G54_TO_G59, "G59.1", "G59.2", "G59.3")),
+        words=linuxcnc,
+        comment=_semicolon,
+    ),
+    "siemens": Control(
+        offset="G54",
+        offsets="G54 to G57, G505 to G599",
+        number_of=_siemens_number,
+        words=siemens,
+        comment=_semicolon,
+    ),
+    "heidenhain": Control(
+        offset="1",
+        offsets="the number of a preset",
+        number_of=_heidenhain_number,
+        words=heidenhain,
+        comment=_semicolon,
+    ),
+    "fanuc": Control(
+        offset="G54",
+        offsets="G54 to G59, G54.1 P1 to P300",
+        number_of=_fanuc_number,
+        words=fanuc,
+        comment=_in_brackets,
+    ),
+    "fagor": Control(
+        offset="G54",
+        offsets="G54 to G59",
+        number_of=_listed(_G54_TO_G59),
+        words=fagor,
+        comment=_semicolon,
+    ),
+}
+
+
+def control_and_number(control: str, offset: str) -> tuple[Control, int]:
+    """Return a control and the number of one of its offsets.
+
+    Raises
+    ------
+    InputError
+        Where there is no such control or offset.
+    """
+    known = CONTROLS.get(control)
+    if known is None:
+        raise InputError(f"Expected a control out of {', '.join(CONTROLS)}, got '{control}'.")
+    number = known.number_of(offset)
+    if number is None:
+        raise InputError(f"Expected an offset of {control}: {known.offsets}; got '{offset}'.")
+    return known, number

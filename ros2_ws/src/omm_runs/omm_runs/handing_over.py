@@ -1,0 +1,83 @@
+"""A pose, given or out of a recording, in a control's own words."""
+
+import math
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from omm_core.alignment.handover import DEFAULT_BOX, Handover, box_of, hand_over
+from omm_core.errors import InputError, MeasurementError
+from omm_core.geometry import RigidTransform
+from omm_core.session.quantities import THETA
+from omm_runs.solving import SolveRunOptions, solve_run
+
+
+@dataclass(frozen=True, kw_only=True)
+class HandoverOptions:
+    """What to hand over: a recording or θ (α, β, γ in rad, x, y, z in mm); to whom, and how."""
+
+    run: Path | None
+    theta: tuple[float, ...] | None
+    part_file: Path | None
+    calibration_file: Path | None
+    machine_file: Path | None
+    control: str
+    offset: str | None
+    remaining_mm: float
+
+
+def handover_of(options: HandoverOptions) -> Handover:
+    """Return the file for the control.
+
+    Raises
+    ------
+    InputError
+        Where the options or the files cannot be used.
+    MeasurementError
+        Where the recording has no result, or the control cannot say the pose.
+    """
+    if (options.run is None) == (options.theta is None):
+        raise InputError("Expected either RUN or --theta.")
+    theta = options.theta if options.run is None else _measured(options, options.run)
+    assert theta is not None  # one of the two is there
+    if not all(math.isfinite(value) for value in theta):
+        raise InputError(f"Expected finite numbers for --theta, got {theta}.")
+    part_file = options.part_file
+    if part_file is None and options.run is not None:
+        part_file = (
+            options.run.parent / "part.yaml" if options.run.is_file() else options.run / "part.yaml"
+        )
+    return hand_over(
+        RigidTransform.from_euler_xyz_rad(theta[0], theta[1], theta[2], theta[3:6]),
+        options.control,
+        offset=options.offset,
+        box=DEFAULT_BOX
+        if part_file is None or not _there(part_file, options)
+        else box_of(part_file),
+        remaining_mm=options.remaining_mm,
+        title="pose as given"
+        if options.run is None
+        else f"pose of the recording {options.run.name}",
+    )
+
+
+def _there(part_file: Path, options: HandoverOptions) -> bool:
+    """Tell whether a part file serves; one that was named must be there, reading it says so."""
+    return options.part_file is not None or part_file.is_file()
+
+
+def _measured(options: HandoverOptions, run: Path) -> tuple[float, ...]:
+    chosen: dict[str, Any] = {
+        "part_file": options.part_file,
+        "calibration_file": options.calibration_file,
+    }
+    if options.machine_file is not None:
+        if "machine_file" not in {field.name for field in fields(SolveRunOptions)}:
+            raise InputError("--machine: solving a recording takes no machine file yet.")
+        chosen["machine_file"] = options.machine_file
+    result = solve_run(run, SolveRunOptions(**chosen)).result
+    if not result.determined or result.solution is None or not result.solution.converged:
+        reasons = "; ".join([*result.missing, *result.findings])
+        raise MeasurementError(f"{run} has no pose to hand over: {reasons or 'not converged'}.")
+    theta = result.to_json_dict()["theta"]
+    return tuple(theta[quantity.key] for quantity in THETA[:6])
