@@ -8,17 +8,25 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omm_core.camera_calibration.cmm import calibrate_by_places
 from omm_core.camera_calibration.machine import calibrate_by_run
-from omm_core.camera_calibration.model import PARAMETERS, Sensor
+from omm_core.camera_calibration.model import PARAMETERS, Sensor, project_with_derivatives
 from omm_core.camera_calibration.result import CalibrationResult
-from omm_core.errors import InputError
+from omm_core.camera_calibration.single_dot import PlainDot
 from omm_core.files.calibration_set import CmmSet, MachineSet, load_calibration_set
 from omm_core.files.camera_writing import camera_yaml
 from omm_core.files.part import load_part
 from omm_core.imaging.calibration import load_calibration
+from omm_runs.dot_images import dots_of_images, nearest_dots
 from omm_runs.recorded_observations import observations_of_run
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+# A dot farther than this from where a first calibration puts it is another thing.
+_REACH_PX = 20.0
 
 
 def calibrate_set(path: Path) -> tuple[CmmSet | MachineSet, CalibrationResult]:
@@ -43,7 +51,7 @@ def calibrate_set(path: Path) -> tuple[CmmSet | MachineSet, CalibrationResult]:
     return given, _calibrate_cmm(given, sensor)
 
 
-def _hint(nominal: Path | None) -> np.ndarray | None:
+def _hint(nominal: Path | None) -> Array | None:
     if nominal is None:
         return None
     return load_calibration(nominal).parameter_values(PARAMETERS)
@@ -51,19 +59,59 @@ def _hint(nominal: Path | None) -> np.ndarray | None:
 
 def _calibrate_cmm(given: CmmSet, sensor: Sensor) -> CalibrationResult:
     if given.pixels is None or given.sigma_px is None:
-        raise InputError(f"{given.path}: expected the columns col_px and row_px; images later.")
+        return _calibrate_images(given, sensor)
     covariance = np.tile(given.sigma_px**2 * np.eye(2), (len(given.images), 1, 1))
+    every = np.arange(len(given.images))
+    return _by_places(given, sensor, every, given.pixels, covariance)
+
+
+def _by_places(
+    given: CmmSet, sensor: Sensor, which: Indices, pixels: Array, covariance: Array
+) -> CalibrationResult:
     return calibrate_by_places(
         sensor,
-        images=list(given.images),
-        places=given.places_mm,
-        pixels=given.pixels,
+        images=[given.images[i] for i in which],
+        places=given.places_mm[which],
+        pixels=pixels,
         covariance_px2=covariance,
         sigma_xyz_mm=given.sigma_xyz_mm,
         normal=given.normal,
         dot_diameter_mm=given.dot_diameter_mm,
         hint=_hint(given.nominal),
     )
+
+
+def _calibrate_images(given: CmmSet, sensor: Sensor) -> CalibrationResult:
+    """Calibrate by what is seen alone in its image; then by the dot that is where it must be."""
+    shape = (sensor.height_px, sensor.width_px)
+    dots = dots_of_images(given.path.parent, given.images, shape)
+    chosen: list[PlainDot | None] = [d[0] if len(d) == 1 else None for d in dots]
+    if any(len(d) > 1 for d in dots):
+        chosen = _where_it_must_be(given, sensor, dots, _from_dots(given, sensor, chosen).camera)
+    result = _from_dots(given, sensor, chosen)
+    lost = [given.images[i] for i, dot in enumerate(chosen) if dot is None]
+    if not lost:
+        return result
+    words = f"in {len(lost)} images no dot is found where it must be: {', '.join(lost[:5])}"
+    return replace(result, findings=(*result.findings, words))
+
+
+def _from_dots(given: CmmSet, sensor: Sensor, chosen: list[PlainDot | None]) -> CalibrationResult:
+    there = [(i, dot) for i, dot in enumerate(chosen) if dot is not None]
+    return _by_places(
+        given,
+        sensor,
+        np.array([i for i, _ in there], dtype=int),
+        np.array([dot.center_px for _, dot in there]).reshape(-1, 2),
+        np.array([dot.covariance_px2 for _, dot in there]).reshape(-1, 2, 2),
+    )
+
+
+def _where_it_must_be(
+    given: CmmSet, sensor: Sensor, dots: list[list[PlainDot]], camera: Array
+) -> list[PlainDot | None]:
+    predicted = project_with_derivatives(sensor, camera, given.places_mm[:, None])[0]
+    return nearest_dots(dots, predicted, _REACH_PX)
 
 
 def _calibrate_machine(given: MachineSet, sensor: Sensor) -> CalibrationResult:

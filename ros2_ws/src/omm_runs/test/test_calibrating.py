@@ -1,17 +1,20 @@
 """A set's files are read, judged and end in a camera.yaml that loads as it was solved."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from omm_core.camera_calibration.model import PARAMETERS, Sensor, project_with_derivatives
+from omm_core.camera_calibration.single_dot import PlainDot
 from omm_core.errors import InputError
 from omm_core.files.calibration_set import load_calibration_set
 from omm_core.geometry import rotation_from_euler_xyz_rad
 from omm_core.imaging.calibration import load_calibration
 from omm_core.imaging.circle import circle_points
 from omm_runs.calibrating import calibrate_set, camera_file
+from omm_runs.dot_images import nearest_dots
 
 TRUTH = np.array(
     [6.189, -8.732, 27.52, 2.997e-8, -1.937e-15, -6.188e-8, 3.408e-7,
@@ -91,3 +94,24 @@ def test_a_place_that_is_no_number_is_named_by_line(folder):
     (folder / "points.csv").write_text("\n".join(text))
     with pytest.raises(InputError, match=r"line 5.*x_mm.*abc"):
         load_calibration_set(folder)
+
+
+def test_the_shared_images_are_calibrated_within_what_is_told():
+    folder = Path(__file__).parents[4].parent / "shared" / "data" / "calibration" / "cmm_images"
+    if not (folder / "truth.json").exists():
+        pytest.skip("needs ../shared/data/calibration, which is not here")
+    truth = json.loads((folder / "truth.json").read_text())["parameters"]
+    _, result = calibrate_set(folder)
+    error = result.camera - np.array([truth[name] for name in PARAMETERS])
+    assert np.abs(error / np.sqrt(np.diag(result.covariance))).max() < 4.0
+
+
+def test_the_dot_is_the_one_that_is_where_it_must_be():
+    def dot(col, row):
+        centre = np.array([col, row])
+        return PlainDot(center_px=centre, covariance_px2=np.eye(2) * 1e-4, diameter_px=20.0)
+
+    dots = [[dot(500, 500), dot(100, 101)], [dot(900, 900)], []]
+    predicted = np.array([[100.0, 100.0], [400.0, 400.0], [50.0, 50.0]])
+    chosen = nearest_dots(dots, predicted, 20.0)
+    assert chosen == [dots[0][1], None, None]
