@@ -10,6 +10,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("set", metavar="SET", type=Path, help="a set.yaml or its folder")
     parser.add_argument("--out", metavar="CAMERA.yaml", type=Path, help="write the calibration")
     parser.add_argument("--json", metavar="OUT", type=Path, help="write the result as JSON")
+    parser.add_argument("--report", metavar="PDF", type=Path, help="write it as a document")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -25,5 +26,9 @@ def run(arguments: argparse.Namespace) -> int:
         write_whole(arguments.json, content + "\n")
     if arguments.out is not None:
         write_camera(arguments.out, camera_file(given, result))
+    if arguments.report is not None:
+        from omm_report.calibration_report import calibration_document
+
+        write_whole(arguments.report, calibration_document(result, given.path.parent.name))
     print("\n".join(calibration_lines(result)))
     return 0
