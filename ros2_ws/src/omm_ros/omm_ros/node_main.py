@@ -18,6 +18,7 @@ from rclpy.node import Node
 
 from omm_core.errors import InputError, OmmError
 from omm_ros import transport
+from omm_ros.environment import check_environment
 from omm_ros.interrupt import Interrupts
 
 AUTOSTART = "autostart"
@@ -43,6 +44,10 @@ def run_node(
     -------
     0 after a clean end, 1 when the node failed, 2 when its parameters cannot be used.
     """
+    try:
+        check_environment()
+    except InputError as error:
+        return _failed(None, error, 2)
     transport.prepare()
     os.nice(niceness)
     # rclpy ends ROS at the first Ctrl-C. Python's own answer would come on top, and out of nowhere:

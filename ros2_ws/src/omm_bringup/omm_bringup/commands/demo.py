@@ -34,7 +34,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the cell; 0 where a result came out."""
     from omm_ros import transport
+    from omm_ros.environment import check_environment
 
+    check_environment()
     transport.prepare()
     from rich.console import Console
 

@@ -34,7 +34,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Replay from beginning to end."""
     from omm_ros import transport
+    from omm_ros.environment import check_environment
 
+    check_environment()
     transport.prepare()
     from rclpy.parameter import Parameter
 
