@@ -1,5 +1,7 @@
 """The errors of omm. Every message says what was expected, what came and what to do."""
 
+import sys
+
 
 class OmmError(Exception):
     """Base of all errors that omm raises on purpose."""
@@ -15,3 +17,8 @@ class MeasurementError(OmmError):
 
 class DeviceError(OmmError):
     """A camera or a control is absent, lost or refuses."""
+
+
+def warn(text: str) -> None:
+    """Tell on stderr what was wrong with something that is used all the same."""
+    print(f"omm: warning: {text}", file=sys.stderr)

@@ -1,6 +1,7 @@
 """Part and calibration files: what is read, and what is said about a bad one."""
 
 import copy
+import os
 
 import numpy as np
 import pytest
@@ -184,3 +185,31 @@ def test_files_that_are_no_yaml_are_told(tmp_path, load):
     (tmp_path / "file.yaml").write_bytes(b"\xff\xfe\x00\x01")
     with pytest.raises(InputError, match=r"cannot be read|not YAML"):
         load(tmp_path / "file.yaml")
+
+
+def test_a_key_that_stands_twice_is_refused_with_both_lines(tmp_path):
+    file = tmp_path / "part.yaml"
+    file.write_text(
+        "part: {name: plate}\ntargets:\n- id: 1\n  xyz_mm: [0, 0, 0]\n  xyz_mm: [0, 0, 5]\n"
+    )
+    with pytest.raises(InputError, match=r"'xyz_mm' stands twice, in lines 4 and 5"):
+        load_part(file)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["[" * 5000, "a: " + "9" * 5000, "a: &a [1, 1]\nb: &b [*a, *a]\npart: [*b, *b]\n"],
+    ids=["nested", "digits", "aliases"],
+)
+def test_a_file_made_to_overwhelm_is_refused_in_few_words(tmp_path, text):
+    file = tmp_path / "part.yaml"
+    file.write_text(text)
+    with pytest.raises(InputError) as refused:
+        load_part(file)
+    assert len(str(refused.value)) < 600
+
+
+def test_what_is_no_ordinary_file_is_not_read(tmp_path):
+    os.mkfifo(tmp_path / "part.yaml")
+    with pytest.raises(InputError, match="no ordinary file"):
+        load_part(tmp_path / "part.yaml")

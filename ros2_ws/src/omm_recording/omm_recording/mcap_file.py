@@ -1,5 +1,7 @@
 """One MCAP file: its index and its messages, also where the writer made no index."""
 
+import struct
+import zlib
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,12 +10,15 @@ from typing import IO, NamedTuple
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Schema
+from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.summary import Summary
 
-from omm_core.errors import InputError
+from omm_core.errors import InputError, warn
 from omm_recording import container
-from omm_recording.container import MAGIC, MESSAGE, CutShort, Damaged, Record
+from omm_recording.container import MAGIC, MESSAGE, PREFIX, CutShort, Damaged, Record
+
+# Opcode, length, start of the summary, start of its offsets, checksum (MCAP specification).
+FOOTER = struct.Struct("<BQQQI")
 
 
 class Block(NamedTuple):
@@ -64,7 +69,7 @@ class McapFile:
             file.seek(0)
             self._reader = SeekingReader(file)
             self.header = self._reader.get_header()
-            summary = self._reader.get_summary()
+            summary = self._reader.get_summary() if self._summary_is_sound() else None
         except (McapError, ValueError, KeyError, OSError) as error:
             raise InputError(f"{path} is damaged: {error}. Try ./omm repair {path}") from error
         self.summary = summary
@@ -90,6 +95,30 @@ class McapFile:
                 f"What can be read of it is brought into a new file by ./omm repair {self.path}"
             )
         self.size = size
+
+    def _summary_is_sound(self) -> bool:
+        """Whether the footer's checksum holds. The index decides what is read: it is not believed.
+
+        Where it does not hold the index is made anew from the records themselves. A writer that
+        wrote no checksum (0) is taken at its word.
+        """
+        self._file.seek(max(0, self.size - len(MAGIC) - FOOTER.size))
+        footer = self._file.read(FOOTER.size)
+        start, crc = 0, -1
+        if len(footer) == FOOTER.size:
+            opcode, length, start, _, crc = FOOTER.unpack(footer)
+            if (opcode, length) != (Opcode.FOOTER, FOOTER.size - PREFIX.size):
+                crc = -1
+        if crc == 0:
+            return True
+        end = self.size - len(MAGIC) - FOOTER.size
+        if crc > 0 and len(MAGIC) <= (start or end) <= end:
+            self._file.seek(start or end)
+            covered = self._file.read(end - (start or end)) + footer[:-4]
+            if zlib.crc32(covered) == crc:
+                return True
+        warn(f"{self.path}: the index is damaged (its checksum does not hold); all is read again")
+        return False
 
     def _take_index(self, summary: Summary) -> None:
         self._take_channels(summary.schemas, summary.channels)
@@ -194,8 +223,23 @@ class McapFile:
             ) from error
 
     def attachments(self) -> Iterator[Attached]:
-        """The files inside the recording."""
-        for attachment in self._reader.iter_attachments():
+        """The files inside the recording.
+
+        Raises
+        ------
+        InputError
+            Where a file's checksum does not hold: it is not as it was written.
+        """
+        for record in self._standing(Opcode.ATTACHMENT):
+            body = self._content(record)
+            crc = int.from_bytes(body[-4:], "little")
+            if crc and zlib.crc32(body[:-4]) != crc:
+                raise InputError(
+                    f"{self.path} is damaged: a file inside it (at byte {record.start}) is not as"
+                    " it was recorded, its checksum does not hold. Name the file to use on the"
+                    " command line."
+                )
+            attachment = Attachment.read(container.stream(body))
             yield Attached(
                 attachment.name, attachment.media_type, attachment.log_time, attachment.data
             )
@@ -208,7 +252,35 @@ class McapFile:
 
     def metadata(self) -> dict[str, dict[str, str]]:
         """The metadata records, by their names; the last of a name counts."""
-        return {record.name: record.metadata for record in self._reader.iter_metadata()}
+        read = (
+            Metadata.read(container.stream(self._content(record)))
+            for record in self._standing(Opcode.METADATA)
+        )
+        return {record.name: record.metadata for record in read}
+
+    def _standing(self, opcode: Opcode) -> Iterator[Record]:
+        """Where the records of a kind stand, by the index or by walking over all records."""
+        summary = self.summary
+        if summary is None or (summary.statistics is None):
+            for record in container.records(self._file, len(MAGIC), self.size - len(MAGIC)):
+                if record.opcode == Opcode.DATA_END:
+                    return
+                if record.opcode == opcode:
+                    yield record
+            return
+        files = opcode == Opcode.ATTACHMENT
+        for entry in summary.attachment_indexes if files else summary.metadata_indexes:
+            prefix = PREFIX.size
+            yield Record(opcode, entry.offset + prefix, entry.length - prefix)
+
+    def _content(self, record: Record) -> bytes:
+        try:
+            container.check_prefix(self._file, record)
+            return container.content(self._file, record)
+        except (CutShort, Damaged) as error:
+            raise InputError(
+                f"{self.path} is damaged: {error}. Try ./omm repair {self.path}"
+            ) from error
 
 
 def _complete(summary: Summary) -> bool:

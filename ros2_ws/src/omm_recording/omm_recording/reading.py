@@ -1,5 +1,6 @@
 """Recordings read without ROS: whoever wrote them, in one file or several, compressed or not."""
 
+import hashlib
 import heapq
 from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack
@@ -11,6 +12,7 @@ from omm_core.errors import InputError
 from omm_recording.decoding import decoder
 from omm_recording.mcap_file import Attached, Block, McapFile
 from omm_recording.run_files import RunFiles, find_run, open_recording
+from omm_recording.writing import FILE_SUMS
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
@@ -161,9 +163,24 @@ class Recording:
         return [attached for file in self.files for attached in file.attachments()]
 
     def attachment(self, name: str) -> bytes | None:
-        """The newest file of that name inside the recording."""
+        """The newest file of that name inside the recording.
+
+        Raises
+        ------
+        InputError
+            Where it is not the file whose SHA-256 was recorded with it.
+        """
         found = [attached for attached in self.attachments() if attached.name == name]
-        return found[-1].data if found else None
+        if not found:
+            return None
+        data = found[-1].data
+        told = self.metadata().get(f"{FILE_SUMS} {name}", {}).get(name)
+        if told is not None and told != hashlib.sha256(data).hexdigest():
+            raise InputError(
+                f"{self.run.recordings[0]}: the file {name!r} inside it is not the one that was"
+                " recorded (its SHA-256 differs). Name another one on the command line."
+            )
+        return data
 
     def metadata(self) -> dict[str, dict[str, str]]:
         """The metadata records, by their names."""

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import math
+import reprlib
+import stat
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.errors import InputError
+
+_LARGEST_BYTES = 20 << 20
+_BOUNDED = reprlib.Repr()
+_BOUNDED.maxlevel, _BOUNDED.maxstring, _BOUNDED.maxother = 2, 80, 80
+_BOUNDED.maxlist = _BOUNDED.maxdict = 6
 
 
 class YamlSection:
@@ -111,16 +119,57 @@ def read_yaml(path: str | Path, what: str) -> YamlSection:
 
     path = Path(path)
     try:
-        loaded = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"Expected a {what} at {path}, but there is no such file.") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"The {what} {path} cannot be read: {error}.") from None
+        loaded = yaml.load(_text(path, what), Loader=_strict_loader())
     except yaml.YAMLError as error:
         raise InputError(f"The {what} {path} is not YAML: {' '.join(str(error).split())}") from None
+    except RecursionError:
+        raise InputError(f"The {what} {path} is nested too deeply to be one.") from None
+    except ValueError as error:  # a number of thousands of digits
+        raise InputError(f"The {what} {path} cannot be read: {error}.") from None
     return YamlSection(loaded, str(path))
 
 
+def _text(path: Path, what: str) -> str:
+    try:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise InputError(f"Expected a {what} at {path}, but that is no ordinary file.")
+        if status.st_size > _LARGEST_BYTES:
+            raise InputError(
+                f"Expected a {what} of at most {_LARGEST_BYTES >> 20} MB at {path},"
+                f" got {status.st_size / 1e6:.0f} MB."
+            )
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise InputError(f"Expected a {what} at {path}, but there is no such file.") from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"The {what} {path} cannot be read: {error}.") from None
+
+
+@cache
+def _strict_loader() -> Any:
+    """Return a safe loader that refuses a key that stands twice: YAML's own lets the last win."""
+    import yaml
+
+    class Strict(yaml.SafeLoader):
+        def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+            lines: dict[str, int] = {}
+            for key, _ in node.value:
+                name, line = str(key.value), key.start_mark.line + 1
+                if name in lines and isinstance(key.value, str) and name != "<<":
+                    raise yaml.constructor.ConstructorError(
+                        None,
+                        None,
+                        f"the key '{name}' stands twice, in lines {lines[name]} and {line};"
+                        " keep one of them",
+                        key.start_mark,
+                    )
+                lines[name] = line
+            return dict(super().construct_mapping(node, deep))
+
+    return Strict
+
+
 def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 80 else text[:77] + "..."
+    # Bounded: what a few lines with aliases stand for may be endless when written out.
+    return _BOUNDED.repr(value)
