@@ -5,6 +5,7 @@ Exit status 0 = done, 1 = the measurement failed (told why), 2 = bad input or us
 
 import argparse
 import importlib
+import io
 import os
 import pkgutil
 import sys
@@ -24,6 +25,10 @@ def summary(name: str) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run one command; errors become one line and an exit status."""
+    for stream in (sys.stdout, sys.stderr):
+        # Names of files need not be UTF-8: they are told as the bytes that they are.
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="surrogateescape")
     arguments = sys.argv[1:] if arguments is None else arguments
     name = arguments[0] if arguments else ""
     if name not in COMMANDS:

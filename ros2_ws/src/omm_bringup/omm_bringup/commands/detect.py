@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omm_core.errors import InputError
+from omm_core.files.output import write_whole
 
 if TYPE_CHECKING:
     from omm_core.targets import Detection
@@ -217,6 +218,9 @@ def _write_overlay(path: Path, folder: str, image: Any, detection: Detection) ->
     except OSError as error:
         raise InputError(f"--overlay {folder}: {error.strerror or error}") from error
     out = target / f"{path.stem}_targets.png"
-    if not cv2.imwrite(str(out), draw_detection(image, detection)):
-        raise InputError(f"{out}: cannot be written.")
+    # OpenCV ends the process at names that are not UTF-8: it encodes only, Python writes.
+    encoded, data = cv2.imencode(".png", draw_detection(image, detection))
+    if not encoded:
+        raise InputError(f"{out}: the picture cannot be encoded.")
+    write_whole(out, data.tobytes())
     print(f"  drawn: {out}")
