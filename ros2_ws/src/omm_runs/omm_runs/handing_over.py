@@ -5,10 +5,19 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from omm_core.alignment.handover import DEFAULT_BOX, Handover, box_of, hand_over
+from omm_core.alignment.handover import (
+    DEFAULT_BOX,
+    Box,
+    Handover,
+    box_of,
+    box_of_targets,
+    hand_over,
+)
 from omm_core.errors import InputError, MeasurementError
+from omm_core.files.part import Part
 from omm_core.geometry import RigidTransform
 from omm_core.session.quantities import THETA
+from omm_recording.run_files import find_run
 from omm_runs.solving import SolveRunOptions, solve_run
 
 
@@ -38,35 +47,32 @@ def handover_of(options: HandoverOptions) -> Handover:
     """
     if (options.run is None) == (options.theta is None):
         raise InputError("Expected either RUN or --theta.")
-    theta = options.theta if options.run is None else _measured(options, options.run)
-    assert theta is not None  # one of the two is there
+    if options.theta is not None:
+        theta, box, title = options.theta, DEFAULT_BOX, "pose as given"
+    else:
+        assert options.run is not None  # one of the two is there
+        theta, part = _measured(options, options.run)
+        box = _box_beside(options.run) or box_of_targets(part)
+        title = f"pose of the recording {options.run.name}"
     if not all(math.isfinite(value) for value in theta):
         raise InputError(f"Expected finite numbers for --theta, got {theta}.")
-    part_file = options.part_file
-    if part_file is None and options.run is not None:
-        part_file = (
-            options.run.parent / "part.yaml" if options.run.is_file() else options.run / "part.yaml"
-        )
     return hand_over(
         RigidTransform.from_euler_xyz_rad(theta[0], theta[1], theta[2], theta[3:6]),
         options.control,
         offset=options.offset,
-        box=DEFAULT_BOX
-        if part_file is None or not _there(part_file, options)
-        else box_of(part_file),
+        box=box if options.part_file is None else box_of(options.part_file),
         remaining_mm=options.remaining_mm,
-        title="pose as given"
-        if options.run is None
-        else f"pose of the recording {options.run.name}",
+        title=title,
     )
 
 
-def _there(part_file: Path, options: HandoverOptions) -> bool:
-    """Tell whether a part file serves; one that was named must be there, reading it says so."""
-    return options.part_file is not None or part_file.is_file()
+def _box_beside(run: Path) -> Box | None:
+    """Return the box of the part file beside a recording, None where it lies inside."""
+    beside = find_run(run).beside("part.yaml")
+    return None if beside is None else box_of(beside)
 
 
-def _measured(options: HandoverOptions, run: Path) -> tuple[float, ...]:
+def _measured(options: HandoverOptions, run: Path) -> tuple[tuple[float, ...], Part]:
     chosen: dict[str, Any] = {
         "part_file": options.part_file,
         "calibration_file": options.calibration_file,
@@ -75,9 +81,10 @@ def _measured(options: HandoverOptions, run: Path) -> tuple[float, ...]:
         if "machine_file" not in {field.name for field in fields(SolveRunOptions)}:
             raise InputError("--machine: solving a recording takes no machine file yet.")
         chosen["machine_file"] = options.machine_file
-    result = solve_run(run, SolveRunOptions(**chosen)).result
+    solved = solve_run(run, SolveRunOptions(**chosen))
+    result = solved.result
     if not result.determined or result.solution is None or not result.solution.converged:
         reasons = "; ".join([*result.missing, *result.findings])
         raise MeasurementError(f"{run} has no pose to hand over: {reasons or 'not converged'}.")
     theta = result.to_json_dict()["theta"]
-    return tuple(theta[quantity.key] for quantity in THETA[:6])
+    return tuple(theta[quantity.key] for quantity in THETA[:6]), solved.part

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from omm_core.alignment.controls import CONTROLS, Words, control_and_number
 from omm_core.errors import InputError, MeasurementError
-from omm_core.files.part import load_part
+from omm_core.files.part import Part, load_part
 from omm_core.files.yaml_input import read_yaml
 from omm_core.geometry import RigidTransform
 
@@ -69,8 +69,7 @@ def box_of(part_file: Path) -> Box:
     """
     root = read_yaml(part_file, "part file")
     if "box_mm" not in root:
-        points = np.array([target.xyz_mm for target in load_part(part_file).targets])
-        return Box(low_mm=points.min(0), high_mm=points.max(0), source="the box of its targets")
+        return box_of_targets(load_part(part_file))
     try:
         low, high = np.array(root.get("box_mm"), dtype=float).reshape(2, 3)
     except (TypeError, ValueError) as error:
@@ -80,6 +79,12 @@ def box_of(part_file: Path) -> Box:
     if not np.all(np.isfinite([low, high])) or np.any(low > high):
         raise InputError(f"{root.where}: expected box_mm from low to high, got {low}, {high}.")
     return Box(low_mm=low, high_mm=high, source="box_mm of the part file")
+
+
+def box_of_targets(part: Part) -> Box:
+    """Return the smallest box that holds all targets of a part."""
+    points = np.array([target.xyz_mm for target in part.targets])
+    return Box(low_mm=points.min(0), high_mm=points.max(0), source="the box of its targets")
 
 
 def hand_over(
