@@ -11,6 +11,7 @@ not come stops the program with a message instead of leaving a hole in the measu
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -21,6 +22,17 @@ from omm_core.errors import InputError
 from omm_core.files.part import Part
 from omm_core.geometry import RigidTransform
 from omm_core.imaging.calibration import CameraCalibration
+
+_FARTHEST_MM = 100_000.0
+# What may be written into a program, and nothing else.
+_RANGES = (
+    ("distance_mm", 1.0, _FARTHEST_MM),
+    ("stereo_base_mm", 0.1, _FARTHEST_MM),
+    ("retract_mm", 0.0, _FARTHEST_MM),
+    ("dwell_s", 0.0, 600.0),
+    ("feed_mm_per_min", 1.0, 1_000_000.0),
+    ("answer_timeout_s", 0.1, 3600.0),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,6 +50,20 @@ class ProgramOptions:
     dwell_s: float = 0.3
     feed_mm_per_min: float = 10000.0
     answer_timeout_s: float = 20.0
+
+    def __post_init__(self) -> None:
+        for name, lowest, highest in _RANGES:
+            value = getattr(self, name)
+            if not lowest <= value <= highest:  # false for NaN, too
+                raise InputError(
+                    f"Expected {name} between {lowest:g} and {highest:g} for a measuring program,"
+                    f" got {value:g}."
+                )
+        if not all(abs(offset) <= _FARTHEST_MM for offset in self.offset_mm):
+            raise InputError(
+                f"Expected offset_mm within {_FARTHEST_MM:g} mm for a measuring program,"
+                f" got {self.offset_mm}."
+            )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -97,9 +123,15 @@ def measuring_program(
     """
     if not stops:
         raise InputError("Expected stops for a measuring program, got none. Has the part targets?")
+    for stop in stops:
+        if not np.all(np.abs(stop.spindle_in_machine_mm) <= _FARTHEST_MM):
+            raise InputError(
+                f"Expected places within {_FARTHEST_MM:g} mm for a measuring program, got"
+                f" {stop.spindle_in_machine_mm} for target {stop.target_id}."
+            )
     away = options.retract_mm * machine_R_spindle[:, 2]
     lines = [
-        f"({title}: {len(stops)} images)",
+        f"({_comment(title)}: {len(stops)} images)",
         "M70 (M72 restores the modal state)",
         "G21 G90 G94 G40 G17",
         "G64 P0.001",
@@ -122,6 +154,11 @@ def measuring_program(
     lines.append(_move(stops[-1].spindle_in_machine_mm + away))
     lines += ["M72", "M2", "%"]
     return "%\n" + "\n".join(lines) + "\n"
+
+
+def _comment(text: str) -> str:
+    """Keep of a name what cannot end a comment or begin a block: a part's name is not ours."""
+    return re.sub(r"[^A-Za-z0-9 ._-]", "_", text)[:60]
 
 
 def _retract(

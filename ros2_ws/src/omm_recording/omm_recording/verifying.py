@@ -85,7 +85,9 @@ def verify(path: Path, trusted_key: str | None = None) -> Verdict:
 def _check_signature(seal: dict[str, str], trusted_key: str | None, verdict: Verdict) -> None:
     if verdict.signed and not signature_holds(seal):
         verdict.blame("the signature is not that of the key and the checksum in the seal")
-    if trusted_key is not None and verdict.public_key != trusted_key:
+    if verdict.public_key is not None and not verdict.signed:
+        verdict.blame(f"the seal names the key {verdict.public_key}, and nobody signed it")
+    if trusted_key is not None and not (verdict.signed and verdict.public_key == trusted_key):
         by = f"by {verdict.public_key}" if verdict.signed else "by nobody"
         verdict.blame(f"expected it to be signed by {trusted_key}, it is signed {by}")
 

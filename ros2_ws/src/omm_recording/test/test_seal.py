@@ -8,10 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.records import DataEnd, Metadata
 
 from omm_core.errors import InputError
-from omm_recording.seal import load_key, public_key, public_text
-from omm_recording.summary_section import ending
+from omm_recording.container import MAGIC
+from omm_recording.mcap_file import McapFile
+from omm_recording.seal import CHAIN, load_key, parsed_chain, public_key, public_text
+from omm_recording.summary_section import ending, serialised
 from omm_recording.verifying import _contents, verify
 
 
@@ -125,6 +128,37 @@ def test_a_seal_of_the_content_with_another_signature_is_noticed(
     forged = signature[:-1] + ("0" if signature[-1] != "0" else "1")
     path.write_bytes(data.replace(signature.encode(), forged.encode()))
     assert any("signature" in problem for problem in verify(path).problems)
+
+
+def test_a_seal_that_names_a_key_without_its_signature_is_noticed(
+    record: Any, key_file: Path
+) -> None:
+    path = record(key_file=key_file)
+    ours = public_text(load_key(key_file))
+    with path.open("rb") as file:
+        index = next(i for i in make_reader(file).get_summary().metadata_indexes
+                     if i.name == "omm_seal")  # fmt: skip
+        tables = {m.name: m.metadata for m in make_reader(file).iter_metadata()}
+    seal = {k: v for k, v in tables["omm_seal"].items() if k != "signature"}
+    assert seal["public_key_ed25519"] == ours
+    chained = parsed_chain(_chain_of(path))[-1]
+    content = path.read_bytes()[: index.offset] + serialised(
+        Metadata(name="omm_seal", metadata=seal)
+    )
+    with path.open("w+b") as file:
+        file.write(content + serialised(DataEnd(0)) + MAGIC)
+        size = file.tell()
+        contents, end, _ = _contents(file, size, chained.offset + chained.length)
+    path.write_bytes(content + ending(contents, end))
+    problems = verify(path, ours).problems
+    assert any("nobody signed it" in problem for problem in problems)
+    assert any("expected it to be signed by" in problem for problem in problems)
+
+
+def _chain_of(path: Path) -> bytes:
+    with path.open("rb") as file:
+        found = [a.data for a in McapFile(path, file).attachments() if a.name == CHAIN]
+    return found[-1]
 
 
 def test_a_key_of_another_kind_is_refused(tmp_path: Path) -> None:
