@@ -1,0 +1,137 @@
+"""Where photographs and points lie, from nothing: best pair, then resection and intersection."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from omm_core.errors import MeasurementError
+
+Array = NDArray[np.float64]
+Rays = dict[int, dict[int, Array]]  # photo -> point -> ideal (x/z, y/z)
+
+FEWEST_COMMON = 8
+FEWEST_TO_RESECT = 4
+_PAIRS_TRIED = 60
+
+
+def start_network(rays: Rays, pixel: float) -> tuple[dict[int, Array], dict[int, Array]]:
+    """Return photos (6: rotation vector, place) and points (3,), in an arbitrary scale.
+
+    Parameters
+    ----------
+    rays : mapping
+        By photo and point: ideal normalised coordinates (2,).
+    pixel : float
+        Size of a pixel in them.
+
+    Raises
+    ------
+    MeasurementError
+        Where no two photographs have enough in common.
+    """
+    photos, points = _best_pair(rays, pixel)
+    while _resect_next(rays, photos, points, pixel):
+        _intersect(rays, photos, points, pixel)
+    return photos, points
+
+
+def _best_pair(rays: Rays, pixel: float) -> tuple[dict[int, Array], dict[int, Array]]:
+    import cv2
+
+    pairs = []
+    for a, b in combinations(rays, 2):
+        common = sorted(set(rays[a]) & set(rays[b]))
+        if len(common) >= FEWEST_COMMON:
+            pairs.append((len(common), a, b, common))
+    pairs.sort(key=lambda pair: -pair[0])
+    best: tuple[float, dict[int, Array], dict[int, Array]] | None = None
+    for count, a, b, common in pairs[:_PAIRS_TRIED]:
+        one, two = (np.array([rays[i][p] for p in common]) for i in (a, b))
+        essential, mask = cv2.findEssentialMat(
+            one, two, np.eye(3), method=cv2.RANSAC, prob=0.9999, threshold=5 * pixel
+        )
+        if essential is None or essential.shape != (3, 3):
+            continue
+        good, turn, shift, _ = cv2.recoverPose(essential, one, two, np.eye(3), mask=mask)
+        if good < max(FEWEST_COMMON, 0.8 * count):
+            continue
+        place = (-turn.T @ shift).ravel()
+        photos = {a: np.zeros(6), b: np.r_[Rotation.from_matrix(turn).as_rotvec(), place]}
+        points: dict[int, Array] = {}
+        _intersect({a: rays[a], b: rays[b]}, photos, points, pixel)
+        if len(points) < FEWEST_COMMON:
+            continue
+        to = np.array(list(points.values()))
+        sine = np.linalg.norm(np.cross(_unit(to), _unit(to - place)), axis=1)
+        score = len(points) * float(np.median(np.minimum(sine, 0.7)))
+        if best is None or score > best[0]:
+            best = (score, photos, points)
+    if best is None:
+        raise MeasurementError(
+            f"Expected two photographs with {FEWEST_COMMON} coded targets in common, seen from"
+            " different places; found none. Take photographs that overlap more."
+        )
+    return best[1], best[2]
+
+
+def _unit(vectors: Array) -> Array:
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
+
+
+def _resect_next(
+    rays: Rays, photos: dict[int, Array], points: dict[int, Array], pixel: float
+) -> bool:
+    """Place the photograph that sees most of the known points; False when none is left."""
+    import cv2
+
+    left = [(len(set(rays[i]) & set(points)), i) for i in rays if i not in photos]
+    for count, i in sorted(left, reverse=True):
+        if count < FEWEST_TO_RESECT:
+            return False
+        common = sorted(set(rays[i]) & set(points))
+        places = np.array([points[p] for p in common])
+        seen = np.array([rays[i][p] for p in common])
+        found, turn, shift, inliers = cv2.solvePnPRansac(
+            places, seen, np.eye(3), None, reprojectionError=15 * pixel,
+            iterationsCount=300, flags=cv2.SOLVEPNP_SQPNP,
+        )  # fmt: skip
+        if not found or inliers is None or len(inliers) < max(4, 0.6 * count):
+            continue
+        inside = inliers.ravel()
+        turn, shift = cv2.solvePnPRefineLM(
+            places[inside], seen[inside], np.eye(3), None, turn, shift
+        )
+        rotation = Rotation.from_rotvec(turn.ravel())
+        photos[i] = np.r_[turn.ravel(), -rotation.inv().apply(shift.ravel())]
+        return True
+    return False
+
+
+def _intersect(
+    rays: Rays, photos: dict[int, Array], points: dict[int, Array], pixel: float
+) -> None:
+    """Intersect every point that two placed photographs see at an angle."""
+    for point in sorted({p for i in photos for p in rays[i]}):
+        seen = [i for i in photos if point in rays[i]]
+        if len(seen) < 2:
+            continue
+        turns = Rotation.from_rotvec([photos[i][:3] for i in seen])
+        places = np.array([photos[i][3:] for i in seen])
+        looks = turns.inv().apply([np.r_[rays[i][point], 1.0] for i in seen])
+        looks = _unit(looks)
+        across = np.eye(3) - looks[:, :, None] * looks[:, None, :]
+        normal = across.sum(axis=0)
+        if np.linalg.eigvalsh(normal)[0] < 2e-3 * len(seen):
+            continue
+        place = np.linalg.solve(normal, np.einsum("nij,nj->i", across, places))
+        inside = turns.apply(place - places)
+        errors = inside[:, :2] / inside[:, 2:] - [rays[i][point] for i in seen]
+        good = (inside[:, 2] > 0) & (np.abs(errors).max(axis=1) < 40 * pixel)
+        if good.all() or good.sum() >= max(3, 0.7 * len(seen)):
+            points[point] = place
+        else:
+            points.pop(point, None)

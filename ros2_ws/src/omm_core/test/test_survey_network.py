@@ -1,0 +1,97 @@
+"""A network of photographs gives back the points that it was made of."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from omm_core.errors import MeasurementError
+from omm_core.survey import Bar, Sighting, solve_network
+from omm_core.survey.camera_model import evaluate_rays, turn_and_shift
+
+LENS = np.array([3010.0, 4.0, -3.0, -0.05, 0.02, 0.0, 1e-4, -5e-5, 1e-4, 2e-5])
+SIZE = (3000, 2000)
+SIGMA_PX = 0.01
+
+
+def photographs(rng: np.random.Generator) -> tuple[np.ndarray, list[Sighting]]:
+    points = rng.uniform(-1, 1, (20, 3)) * [400.0, 300.0, 150.0]
+    photos = []
+    for i in range(18):
+        around = 2 * np.pi * i / 18
+        place = np.array([1300 * np.cos(around), 1300 * np.sin(around), 1100.0 + 100 * (i % 3)])
+        z = -place / np.linalg.norm(place)
+        x = np.cross(z, [0, 0, 1.0])
+        x /= np.linalg.norm(x)
+        roll = Rotation.from_rotvec([0, 0, np.pi / 2 * (i % 4)]).as_matrix()
+        turn = roll @ np.array([x, np.cross(z, x), z])
+        photos.append(np.r_[Rotation.from_matrix(turn).as_rotvec(), place])
+    photo, point = (grid.ravel() for grid in np.mgrid[:18, :20])
+    values = {"lens": LENS[None], "photos": np.array(photos), "points": points}
+    pixels, _ = evaluate_rays(values, photo, point, (np.array(SIZE) - 1) / 2)
+    pixels += rng.normal(0, SIGMA_PX, pixels.shape)
+    return points, [
+        Sighting(photo=int(i), point=int(p), center_px=c, covariance_px2=SIGMA_PX**2 * np.eye(2))
+        for i, p, c in zip(photo, point, pixels, strict=True)
+    ]
+
+
+def bars_of(points: np.ndarray) -> list[Bar]:
+    return [
+        Bar(ends=(a, b), length_mm=float(np.linalg.norm(points[a] - points[b])), sigma_mm=0.002)
+        for a, b in ((0, 1), (2, 3))
+    ]
+
+
+def test_coordinates_err_as_much_as_their_covariance_says_and_blunders_are_left_out() -> None:
+    points, sightings = photographs(np.random.default_rng(7))
+    moved = sightings[33]
+    sightings[33] = Sighting(
+        photo=moved.photo, point=moved.point, center_px=moved.center_px + [3.0, -2.0],
+        covariance_px2=moved.covariance_px2,
+    )  # fmt: skip
+    network = solve_network(sightings, bars_of(points), 3060.0, SIZE)
+    assert not network.used[33]
+    assert network.sigma0 == pytest.approx(1.0, abs=0.15)
+    found = network.solution.values["points"]
+    turn, _ = Rotation.align_vectors(points - points.mean(0), found - found.mean(0))
+    errors = turn.inv().apply(points - points.mean(0)) - (found - found.mean(0))
+    sigma2 = np.diag(network.solution.covariance_of("points")).reshape(-1, 3)
+    assert 0.5 < np.mean(errors**2 / sigma2) < 1.7
+
+
+def test_without_a_measured_bar_there_is_no_scale() -> None:
+    _, sightings = photographs(np.random.default_rng(8))
+    bar = Bar(ends=(0, 99), length_mm=500.0, sigma_mm=0.01)
+    with pytest.raises(MeasurementError, match="scale"):
+        solve_network(sightings, [bar], 3060.0, SIZE)
+
+
+def test_derivatives_are_those_of_the_projection() -> None:
+    rng = np.random.default_rng(9)
+    values = {
+        "lens": LENS[None],
+        "photos": np.array([[0.1, -0.2, 0.3, 5.0, 6.0, -900.0]]),
+        "points": rng.uniform(-200, 200, (6, 3)),
+    }
+    photo, point, middle = np.zeros(6, dtype=int), np.arange(6), np.zeros(2)
+    _, derivatives = evaluate_rays(values, photo, point, middle)
+    for k, size in enumerate([1e-6] * 3 + [1e-3] * 3):
+        step = np.zeros((1, 6))
+        step[0, k] = size
+        ends = [
+            evaluate_rays(
+                {**values, "photos": turn_and_shift(values["photos"], s)}, photo, point, middle
+            )[0]
+            for s in (step, -step)
+        ]
+        slope = (ends[0] - ends[1]) / (2 * size)
+        assert derivatives["photos"][:, :, k] == pytest.approx(slope, rel=1e-4, abs=1e-4)
+    for k in range(10):
+        step = np.zeros((1, 10))
+        step[0, k] = 1e-5
+        ends = [
+            evaluate_rays({**values, "lens": LENS[None] + s}, photo, point, middle)[0]
+            for s in (step, -step)
+        ]
+        slope = (ends[0] - ends[1]) / 2e-5
+        assert derivatives["lens"][:, :, k] == pytest.approx(slope, rel=1e-4, abs=1e-3)

@@ -1,0 +1,168 @@
+"""A survey from its folder: detect in all photographs, adjust, say what came out."""
+
+from __future__ import annotations
+
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from omm_core.errors import InputError
+from omm_core.files.survey import DeclaredBar, SurveySet, load_survey
+from omm_core.geometry import euler_xyz_rad_from_rotation
+from omm_core.survey import Bar, Network, Sighting, solve_network
+from omm_core.survey.camera_model import PARAMETERS
+from omm_core.survey.network import FEWEST_RAYS
+from omm_core.targets import DetectedTarget, TargetFamily, detect_targets
+
+
+def survey(path: Path) -> tuple[SurveySet, dict[str, Any]]:
+    """Return the set and its result as ``survey --json`` says it.
+
+    Raises
+    ------
+    InputError, MeasurementError
+    """
+    given = load_survey(path)
+    TargetFamily.by_name(given.target_family)
+    sightings = _detect_all(given)
+    bars = [Bar(ends=b.ends, length_mm=b.length_mm, sigma_mm=b.sigma_mm) for b in given.scale_bars]
+    size = (given.width_px, given.height_px)
+    return given, as_json(given, solve_network(sightings, bars, given.focal_length_px, size))
+
+
+def _detect_all(given: SurveySet) -> list[Sighting]:
+    count = len(given.photos)
+    sightings: list[Sighting] = []
+    with ProcessPoolExecutor(max_workers=2) as pool:
+        found = pool.map(_detect, [(photo, given) for photo in given.photos])
+        for number, targets in enumerate(found):
+            print(f"\r  photograph {number + 1} of {count}", end="", file=sys.stderr, flush=True)
+            seen = [target.id for target in targets]
+            sightings += [
+                Sighting(
+                    photo=number, point=target.id, center_px=target.center_px,
+                    covariance_px2=target.covariance_px2,
+                )
+                for target in targets
+                if seen.count(target.id) == 1
+            ]  # fmt: skip
+    print(file=sys.stderr)
+    return sightings
+
+
+def _detect(job: tuple[Path, SurveySet]) -> tuple[DetectedTarget, ...]:
+    import cv2
+
+    photo, given = job
+    image = cv2.imread(str(photo), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
+    if image is None:
+        raise InputError(f"{photo}: expected a photograph, but it cannot be read as an image.")
+    if image.shape != (given.height_px, given.width_px):
+        raise InputError(
+            f"{photo}: expected {given.width_px} x {given.height_px} pixels, as the camera of"
+            f" survey.yaml has, got {image.shape[1]} x {image.shape[0]}."
+        )
+    return detect_targets(image, TargetFamily.by_name(given.target_family)).targets
+
+
+def as_json(given: SurveySet, network: Network) -> dict[str, Any]:
+    """Return the result in the form of ``survey --json``."""
+    solution = network.solution
+    findings: list[str] = []
+    points = _points(network)
+    photos = []
+    for number, photo in enumerate(given.photos):
+        row = network.photos.get(number)
+        if row is None:
+            reason = "too few targets in common with the rest of the network"
+            findings.append(f"{photo.name} is left out: {reason}.")
+        pose = None if row is None else solution.values["photos"][row]
+        photos.append(_photo(photo.name, pose))
+    rejected = int(np.sum(~network.used))
+    if rejected:
+        findings.append(f"{rejected} of {len(network.used)} image points are left out as blunders.")
+    if len(network.bars) == 1:
+        findings.append("Only one scale bar: its length is not checked by anything.")
+    scale_bars = _measured(network, given.scale_bars, "scale bar", findings)
+    for bar, entry in zip(network.bars, scale_bars, strict=True):
+        off = entry["measured_mm"] - bar.length_mm
+        if len(network.bars) > 1 and abs(off) > 3 * bar.sigma_mm:
+            findings.append(
+                f"The scale bars disagree: {bar.ends[0]}-{bar.ends[1]} comes out {off:+.4f} mm off"
+                f" its length, which is declared to {bar.sigma_mm:g} mm."
+            )
+    lens = solution.covariance_of("lens")
+    return {
+        "converged": solution.converged,
+        "sigma0": network.sigma0,
+        "rms_px": network.rms_px,
+        "degrees_of_freedom": solution.degrees_of_freedom,
+        "camera": {
+            "parameters": list(PARAMETERS),
+            "values": solution.values["lens"][0].tolist(),
+            "covariance": lens.tolist(),
+        },
+        "points": points,
+        "photos": photos,
+        "scale_bars": scale_bars,
+        "check_bars": _measured(network, given.check_bars, "check bar", findings),
+        "findings": findings,
+    }
+
+
+def _points(network: Network) -> list[dict[str, Any]]:
+    covariance = network.solution.covariance_of("points")
+    points = []
+    for number, row in network.points.items():
+        rays = network.rays_of(number)
+        if rays < FEWEST_RAYS:
+            continue
+        own = slice(3 * row, 3 * row + 3)
+        points.append(
+            {
+                "name": str(number),
+                "coded": True,
+                "id": number,
+                "xyz_mm": network.solution.values["points"][row].tolist(),
+                "covariance_mm2": covariance[own, own].tolist(),
+                "images": rays,
+            }
+        )
+    return points
+
+
+def _photo(name: str, pose: Any) -> dict[str, Any]:
+    entry: dict[str, Any] = {"file": name, "used": pose is not None, "reason": None}
+    if pose is None:
+        entry["reason"] = "too few targets in common with the rest of the network"
+        return {**entry, "position_mm": None, "euler_xyz_rad": None}
+    turned = Rotation.from_rotvec(pose[:3]).as_matrix().T
+    euler = [float(angle) for angle in euler_xyz_rad_from_rotation(turned)]
+    return {**entry, "position_mm": pose[3:].tolist(), "euler_xyz_rad": euler}
+
+
+def _measured(
+    network: Network, bars: tuple[DeclaredBar, ...], what: str, findings: list[str]
+) -> list[dict[str, Any]]:
+    entries = []
+    for bar in bars:
+        if not all(end in network.points for end in bar.ends):
+            findings.append(
+                f"The {what} {bar.ends[0]}-{bar.ends[1]} could not be measured: its ends are not"
+                f" both seen in {FEWEST_RAYS} photographs."
+            )
+            continue
+        measured, sigma = network.length(bar.ends)
+        entries.append(
+            {
+                "ends": list(bar.ends),
+                "length_mm": bar.length_mm,
+                "measured_mm": measured,
+                "sigma_mm": sigma,
+            }
+        )
+    return entries
