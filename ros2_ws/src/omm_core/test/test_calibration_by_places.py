@@ -159,3 +159,14 @@ def test_projection_uncertainty_grows_outside_what_was_covered():
     )
     assert near > inside
     assert dataclasses.replace(result).to_json_dict()["parameters"][0] == "focal_length_mm"
+
+
+def test_two_halves_agree_unless_something_moved():
+    places = places_before(TRUTH)
+    good = calibrate(TRUTH, places, 6)
+    assert good.extra["halves_chi2"] < 34.5
+    assert not any("halves" in words for words in good.findings)
+    pixels = np.array([o.pixel for o in good.observations])
+    pixels[::2] += [0.3, 0.0]  # every second image is shifted: half of the set
+    moved = calibrate(TRUTH, places, 6, pixels=pixels)
+    assert any("halves" in words for words in moved.findings)

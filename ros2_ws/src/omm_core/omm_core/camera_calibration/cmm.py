@@ -22,6 +22,8 @@ Mask = NDArray[np.bool_]
 
 # w-test: one in a million of good observations is refused.
 _LARGEST_T2 = 27.6
+# Chi-square of 13 degrees of freedom that one good set in a thousand exceeds.
+_LARGEST_HALVES = 34.5
 
 
 def calibrate_by_places(
@@ -79,6 +81,9 @@ def calibrate_by_places(
             break
         used[worst] = False
     require_determined(sensor, solution)
+    halves = _halves(
+        sensor, outlines, pixels, covariance_px2, sigma_xyz_mm, used, camera, solution.sigma0
+    )
     reason = "does not fit the others (w-test)"
     return CalibrationResult(
         sensor=sensor,
@@ -98,7 +103,8 @@ def calibrate_by_places(
         ),
         images=int(used.sum()),
         covered_mm=_covered(sensor, camera, places),
-        findings=_findings(solution, used, images),
+        findings=(*_findings(solution, used, images), *_contradiction(halves)),
+        extra={} if halves is None else {"halves_chi2": halves, "halves_degrees_of_freedom": 13},
     )
 
 
@@ -130,6 +136,48 @@ def _adjust(
         solution = solve(problem)
         camera = solution.values["camera"][0]
     return problem, solution
+
+
+def _halves(
+    sensor: Sensor,
+    outlines: Array,
+    pixels: Array,
+    covariance_px2: Array,
+    sigma_xyz_mm: float,
+    used: Mask,
+    camera: Array,
+    sigma0: float,
+) -> float | None:
+    """Return the squared difference of the cameras of two halves over its covariance.
+
+    Chi-square with 13 degrees of freedom where the model and its covariance hold; None for sets
+    of which a half is too few.
+    """
+    if used.sum() < 40:
+        return None
+    cameras, covariances = [], []
+    for parity in range(2):
+        half = used & (np.cumsum(used) % 2 == parity)
+        solution = _adjust(sensor, outlines, pixels, covariance_px2, sigma_xyz_mm, half, camera)[1]
+        if solution.undetermined or not solution.converged:
+            return None
+        cameras.append(solution.values["camera"][0])
+        covariances.append(solution.covariance)
+    difference, together = cameras[0] - cameras[1], covariances[0] + covariances[1]
+    scale = np.sqrt(np.diag(together)) * max(sigma0, 1.0)
+    correlation = together / np.outer(scale, scale) * max(sigma0, 1.0) ** 2
+    unit = difference / scale
+    return float(unit @ np.linalg.solve(correlation, unit))
+
+
+def _contradiction(halves_chi2: float | None) -> tuple[str, ...]:
+    if halves_chi2 is None or halves_chi2 < _LARGEST_HALVES:
+        return ()
+    return (
+        f"two halves of the set give cameras that differ more than their covariances allow (chi-"
+        f"square {halves_chi2:.0f} with 13 degrees of freedom): the lens model or the places are"
+        " wrong, or something moved",
+    )
 
 
 def _best_start(sensor: Sensor, outlines: Array, pixels: Array, starts: list[Array]) -> Array:
