@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import json
 import sys
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
@@ -11,6 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from omm_core.errors import InputError
+from omm_core.files.output import write_whole
 from omm_core.files.survey import DeclaredBar, SurveySet, load_survey
 from omm_core.geometry import euler_xyz_rad_from_rotation
 from omm_core.survey import Bar, Network, Sighting, solve_network
@@ -19,8 +22,8 @@ from omm_core.survey.network import FEWEST_RAYS
 from omm_core.targets import DetectedTarget, TargetFamily, detect_targets
 
 
-def survey(path: Path) -> tuple[SurveySet, dict[str, Any]]:
-    """Return the set and its result as ``survey --json`` says it.
+def survey(path: Path) -> tuple[SurveySet, Network, dict[str, Any]]:
+    """Return the set, the network, and its result as ``survey --json`` says it.
 
     Raises
     ------
@@ -31,7 +34,35 @@ def survey(path: Path) -> tuple[SurveySet, dict[str, Any]]:
     sightings = _detect_all(given)
     bars = [Bar(ends=b.ends, length_mm=b.length_mm, sigma_mm=b.sigma_mm) for b in given.scale_bars]
     size = (given.width_px, given.height_px)
-    return given, as_json(given, solve_network(sightings, bars, given.focal_length_px, size))
+    network = solve_network(sightings, bars, given.focal_length_px, size)
+    return given, network, as_json(given, network)
+
+
+def write_points(path: Path, given: SurveySet, network: Network, result: dict[str, Any]) -> None:
+    """Write points.json, and the full covariance of its points (mm²) beside it.
+
+    Raises
+    ------
+    InputError
+        Where a file cannot be written.
+    """
+    rows = [network.points[point["id"]] for point in result["points"]]
+    which = np.concatenate([np.arange(3 * row, 3 * row + 3) for row in rows])
+    buffer = io.BytesIO()
+    np.save(buffer, network.solution.covariance_of("points")[np.ix_(which, which)])
+    beside = path.with_name(f"{path.stem}_covariance.npy")
+    write_whole(beside, buffer.getvalue())
+    content = {
+        "target_family": given.target_family,
+        "coded_dot_diameter_mm": given.coded_dot_diameter_mm,
+        "plain_dot_diameter_mm": given.plain_dot_diameter_mm,
+        "points": result["points"],
+        "full_covariance": {
+            "file": beside.name,
+            "order": [point["name"] for point in result["points"]],
+        },
+    }
+    write_whole(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
 def _detect_all(given: SurveySet) -> list[Sighting]:
@@ -85,6 +116,17 @@ def as_json(given: SurveySet, network: Network) -> dict[str, Any]:
     rejected = int(np.sum(~network.used))
     if rejected:
         findings.append(f"{rejected} of {len(network.used)} image points are left out as blunders.")
+    few = [str(p) for p in network.points if network.rays_of(p) < FEWEST_RAYS]
+    if few:
+        findings.append(
+            f"Not delivered, with fewer than {FEWEST_RAYS} rays left: {', '.join(few)}."
+            " Take photographs from there."
+        )
+    if _one_roll_angle(network):
+        findings.append(
+            "All photographs have nearly the same roll angle: the principal point is badly"
+            " determined. Turn the camera by 90 degrees in a part of them."
+        )
     if len(network.bars) == 1:
         findings.append("Only one scale bar: its length is not checked by anything.")
     scale_bars = _measured(network, given.scale_bars, "scale bar", findings)
@@ -112,6 +154,19 @@ def as_json(given: SurveySet, network: Network) -> dict[str, Any]:
         "check_bars": _measured(network, given.check_bars, "check bar", findings),
         "findings": findings,
     }
+
+
+def _one_roll_angle(network: Network) -> bool:
+    """Tell whether the camera was hardly turned about its axis, against the points' main plane."""
+    centred = network.solution.values["points"] - network.solution.values["points"].mean(axis=0)
+    normal = np.linalg.svd(centred, full_matrices=False)[2][2]
+    up = Rotation.from_rotvec(network.solution.values["photos"][:, :3]).apply(normal)
+    across = np.hypot(up[:, 0], up[:, 1])
+    tilted = across > 0.2  # seen face on, the roll angle is not told by the normal
+    if tilted.sum() < 3 or tilted.sum() < 0.5 * len(up):
+        return False
+    directions = up[tilted, :2] / across[tilted, None]
+    return bool(np.linalg.norm(directions.mean(axis=0)) > 0.97)
 
 
 def _points(network: Network) -> list[dict[str, Any]]:

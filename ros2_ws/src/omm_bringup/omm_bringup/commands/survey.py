@@ -15,19 +15,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Survey and print what came out."""
     from omm_core.files.output import write_whole
-    from omm_runs.surveying import survey
+    from omm_runs.surveying import survey, write_points
 
-    given, result = survey(arguments.set)
+    given, network, result = survey(arguments.set)
     if arguments.json is not None:
         write_whole(arguments.json, json.dumps(result, indent=1, allow_nan=False) + "\n")
     if arguments.out is not None:
-        points = {
-            "target_family": given.target_family,
-            "coded_dot_diameter_mm": given.coded_dot_diameter_mm,
-            "plain_dot_diameter_mm": given.plain_dot_diameter_mm,
-            "points": result["points"],
-        }
-        write_whole(arguments.out, json.dumps(points, indent=1, allow_nan=False) + "\n")
+        write_points(arguments.out, given, network, result)
     used = sum(photo["used"] for photo in result["photos"])
     print(
         f"{len(result['points'])} coded targets from {used} of {len(result['photos'])} photographs"
