@@ -63,7 +63,9 @@ def _add_run(document: Document, solved: SolvedRun) -> dict[str, Any]:
     content = result.to_json_dict()
     uncertainty = _expanded(solved, content)
     document.heading("Result", level=3)
-    document.table([["quantity", "value", "U (95.45 %)", "unit"], *_values(solved, uncertainty)])
+    label = "U (95.45 %)" if "expanded_uncertainty" in content else "U (k = 2)"
+    document.table([["quantity", "value", label, "unit"], *_values(solved, uncertainty)])
+    _add_shares(document, solved)
     decisions = _decisions(solved, uncertainty, contents.get("part.yaml", b""))
     document.heading("Tolerances (ISO 14253-1)", level=3)
     if decisions:
@@ -77,7 +79,13 @@ def _add_run(document: Document, solved: SolvedRun) -> dict[str, Any]:
         picture = cv2.imread(str(save_run_picture(solved, Path(folder) / "run.png")))
     if picture is not None:
         document.picture(np.asarray(picture[:, :, ::-1], dtype=np.uint8), caption=_CAPTION)
-    return {"run": solved.run.name, "files": checksums, "seals": seals, "result": content}
+    return {
+        "run": solved.run.name,
+        "files": checksums,
+        "seals": seals,
+        "decisions": [{"quantity": row[0], "state": row[4], "advice": row[5]} for row in decisions],
+        "result": content,
+    }
 
 
 _CAPTION = "Images with their targets; residuals enlarged as written below the picture."
@@ -89,6 +97,14 @@ def _values(solved: SolvedRun, uncertainty: Sequence[float]) -> list[list[str]]:
         [q.symbol, f"{theta[k] * q.scale:.4f}", f"{uncertainty[k] * q.scale:.4f}", q.unit]
         for k, q in enumerate(THETA)
     ]
+
+
+def _add_shares(document: Document, solved: SolvedRun) -> None:
+    """Tell which part of each variance comes from what."""
+    shares = solved.result.solution.shares
+    if shares:
+        rows = [[source, *(f"{100.0 * s:.1f} %" for s in of)] for source, of in shares.items()]
+        document.table([["share of the variance", *(q.symbol for q in THETA)], *rows])
 
 
 def _expanded(solved: SolvedRun, content: dict[str, Any]) -> list[float]:
