@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import glob
 import json
 import sys
 from pathlib import Path
@@ -14,8 +13,6 @@ from omm_core.files.output import write_whole
 
 if TYPE_CHECKING:
     from omm_core.targets import Detection
-
-SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,6 +47,7 @@ def run(args: argparse.Namespace) -> int:
     from rich.console import Console
     from rich.progress import track
 
+    from omm_core.imaging.photographs import find_images, read_grey
     from omm_core.targets import DetectionOptions, TargetFamily, detect_targets
     from omm_core.targets.coded.printing import parse_ids
 
@@ -83,71 +81,6 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         _write_json(args.json, results)
     return 1 if failed else 0
-
-
-def find_images(names: list[str]) -> list[Path]:
-    """Resolve files, folders and patterns, in order and each once.
-
-    Raises
-    ------
-    InputError
-        If a name leads to nothing.
-    """
-    found: list[Path] = []
-    for name in names:
-        path = Path(name)
-        if path.is_dir():
-            inside = [p for p in sorted(path.iterdir()) if p.suffix.lower() in SUFFIXES]
-            if not inside:
-                raise InputError(f"{name}: no images in this folder ({', '.join(SUFFIXES)}).")
-            found += inside
-        elif path.is_file():
-            found.append(path)
-        else:
-            matches = [
-                Path(m) for m in sorted(glob.glob(name, recursive=True)) if Path(m).is_file()
-            ]
-            if not matches:
-                raise InputError(
-                    f"{name}: expected an image, a folder or a pattern, found nothing."
-                )
-            found += matches
-    return list(dict.fromkeys(found))
-
-
-def read_grey(path: Path) -> Any:
-    """Read an image as (H, W) uint8 or uint16.
-
-    Raises
-    ------
-    InputError
-        If it is not an image, or damaged.
-    """
-    import cv2
-    import numpy as np
-
-    try:
-        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
-    _refuse_truncated(path, data.tobytes())
-    try:
-        flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
-        image = cv2.imdecode(data, flags) if data.size else None
-    except cv2.error:
-        image = None
-    if image is None or image.dtype not in (np.uint8, np.uint16):
-        raise InputError(f"{path}: not an image of 8 or 16 bit, or damaged; skipped.")
-    return np.ascontiguousarray(image.reshape(image.shape[:2]))
-
-
-def _refuse_truncated(path: Path, data: bytes) -> None:
-    """OpenCV fills what is missing of a cut-off JPEG or PNG with grey and says nothing."""
-    cut = (data.startswith(b"\xff\xd8") and b"\xff\xd9" not in data[-4096:]) or (
-        data.startswith(b"\x89PNG") and b"IEND" not in data[-4096:]
-    )
-    if cut:
-        raise InputError(f"{path}: the file is cut off; skipped.")
 
 
 def as_json(path: Path, detection: Detection) -> dict[str, Any]:
@@ -208,6 +141,7 @@ def _write_json(out: str, results: list[dict[str, Any]]) -> None:
 def _write_overlay(path: Path, folder: str, image: Any, detection: Detection) -> None:
     import cv2
 
+    from omm_core.imaging.photographs import SUFFIXES
     from omm_core.targets.overlay import draw_detection
 
     target = Path(folder) if folder else path.parent

@@ -1,0 +1,211 @@
+"""Photographs as they are stored: grey pixels, no orientation applied, whole or refused.
+
+Whether a JPEG is whole is decided by decoding. Its end is found by walking its segments, so bytes
+behind it (motion photographs, padding) do no harm. OpenCV fills what is missing with grey and says
+nothing; so the scan is decoded a second time with noise in front of the end marker: a whole image
+never reads it, one that is cut short does, and its pixels change (ITU-T T.81, B.1 and F.2.2).
+"""
+
+from __future__ import annotations
+
+import glob
+import io
+import warnings
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from omm_core.errors import InputError
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm")
+Pixels = NDArray[np.uint8] | NDArray[np.uint16]
+_FLAGS = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+_NOISE = np.random.default_rng(1).integers(1, 255, 4096, dtype=np.uint8).tobytes()
+_EXIF, _FOCAL, _FOCAL_35, _MAKE, _MODEL = 0x8769, 0x920A, 0xA405, 0x010F, 0x0110
+
+
+@dataclass(frozen=True, kw_only=True)
+class Photograph:
+    """A photograph and what its EXIF says of the camera.
+
+    Attributes
+    ----------
+    pixels : (H, W) uint8 or uint16, as stored.
+    camera : make and model; empty where unknown.
+    focal_length_mm : nominal; None where unknown.
+    focal_length_35mm : the same for a format of 36 x 24 mm; None where unknown.
+    """
+
+    path: Path
+    pixels: Pixels
+    camera: str = ""
+    focal_length_mm: float | None = None
+    focal_length_35mm: float | None = None
+
+
+def find_images(names: list[str]) -> list[Path]:
+    """Resolve files, folders and patterns, in order and each once.
+
+    Raises
+    ------
+    InputError
+        If a name leads to nothing.
+    """
+    found: list[Path] = []
+    for name in names:
+        path = Path(name)
+        if path.is_dir():
+            inside = [p for p in sorted(path.iterdir()) if p.suffix.lower() in SUFFIXES]
+            if not inside:
+                raise InputError(f"{name}: no images in this folder ({', '.join(SUFFIXES)}).")
+            found += inside
+        elif path.is_file():
+            found.append(path)
+        else:
+            matches = [
+                Path(m) for m in sorted(glob.glob(name, recursive=True)) if Path(m).is_file()
+            ]
+            if not matches:
+                raise InputError(
+                    f"{name}: expected an image, a folder or a pattern, found nothing."
+                )
+            found += matches
+    return list(dict.fromkeys(found))
+
+
+def read_grey(path: Path) -> Pixels:
+    """Read an image as (H, W) uint8 or uint16, as stored.
+
+    Raises
+    ------
+    InputError
+        If it is not an image, or damaged.
+    """
+    return _decoded(path, _read(path))
+
+
+def read_photograph(path: Path) -> Photograph:
+    """Read an image with what it says of its camera.
+
+    Raises
+    ------
+    InputError
+        If it is not an image, or damaged.
+    """
+    data = _read(path)
+    pixels = _decoded(path, data)
+    camera, focal, focal_35 = _exif(data)
+    return Photograph(
+        path=path,
+        pixels=pixels,
+        camera=camera,
+        focal_length_mm=focal,
+        focal_length_35mm=focal_35,
+    )
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def _decoded(path: Path, data: bytes) -> Pixels:
+    if data.startswith(b"\x89PNG"):
+        _refuse_cut_png(path, data)
+    end = _end_of_jpeg(path, data) if data.startswith(b"\xff\xd8") else len(data)
+    image = _decode(data[:end])
+    if image is None or image.dtype not in (np.uint8, np.uint16):
+        raise InputError(f"{path}: not an image of 8 or 16 bit, or damaged; skipped.")
+    if data.startswith(b"\xff\xd8"):
+        longer = data[: end - 2] + _NOISE + b"\xff\xd9"
+        if not np.array_equal(_quietly(path, data[:end]), _quietly(path, longer)):
+            raise InputError(f"{path}: the file is cut off; skipped.")
+    return cast("Pixels", np.ascontiguousarray(image.reshape(image.shape[:2])))
+
+
+def _decode(data: bytes) -> Pixels | None:
+    try:
+        image: Pixels | None = cv2.imdecode(np.frombuffer(data, np.uint8), _FLAGS) if data else None
+    except cv2.error:
+        return None
+    return image
+
+
+def _quietly(path: Path, data: bytes) -> NDArray[np.uint8]:
+    """Decode with Pillow, which does not print what the JPEG library says of the noise."""
+    from PIL import Image
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with Image.open(io.BytesIO(data)) as image:
+                return np.asarray(image)
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        raise InputError(f"{path}: cannot be decoded: {error}; skipped.") from error
+
+
+def _end_of_jpeg(path: Path, data: bytes) -> int:
+    """Where the first image ends, behind its end marker."""
+    at, size = 2, len(data)
+    while at + 2 <= size:
+        at = data.find(b"\xff", at)
+        if at < 0 or at + 2 > size:
+            break
+        marker = data[at + 1]
+        if marker == 0xD9:
+            return at + 2
+        if marker == 0xFF:  # a byte of filling
+            at += 1
+        elif marker in (0x00, 0x01) or 0xD0 <= marker <= 0xD8:  # without a length
+            at += 2
+        else:
+            at += 2 + int.from_bytes(data[at + 2 : at + 4], "big")
+    raise InputError(f"{path}: the file is cut off; skipped.")
+
+
+def _refuse_cut_png(path: Path, data: bytes) -> None:
+    at = 8
+    while at + 12 <= len(data):
+        length = int.from_bytes(data[at : at + 4], "big")
+        kind, end = data[at + 4 : at + 8], at + 8 + length
+        if int.from_bytes(data[end : end + 4], "big") != zlib.crc32(data[at + 4 : end]):
+            break
+        if kind == b"IEND":
+            return
+        at = end + 4
+    raise InputError(f"{path}: the file is cut off or damaged; skipped.")
+
+
+def _exif(data: bytes) -> tuple[str, float | None, float | None]:
+    """Camera, focal length and that of the 35 mm format; what is damaged there is left out."""
+    from PIL import Image
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with Image.open(io.BytesIO(data)) as image:
+                root = image.getexif()
+                inner = root.get_ifd(_EXIF)
+    except (OSError, SyntaxError, ValueError, KeyError, TypeError, Image.DecompressionBombError):
+        return "", None, None
+    words = [str(root.get(tag, "")).strip("\0 ") for tag in (_MAKE, _MODEL)]
+    return (
+        " ".join(word for word in words if word),
+        _positive(inner.get(_FOCAL)),
+        _positive(inner.get(_FOCAL_35)),
+    )
+
+
+def _positive(value: object) -> float | None:
+    try:
+        number = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError, ZeroDivisionError):
+        return None
+    return number if 0.0 < number < 1e5 else None
