@@ -2,6 +2,7 @@
 
 import hashlib
 import heapq
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -127,11 +128,18 @@ class Recording:
         blocks.sort(key=lambda item: item[:2])
         waiting: list[tuple[int, int, RecordedMessage]] = []
         count = 0
+        read: Counter[tuple[int, int]] = Counter()
         for first_ns, _, file, block in blocks:
             while waiting and waiting[0][0] < first_ns:
                 yield heapq.heappop(waiting)[2]
             for channel_id, sequence, log_ns, publish_ns, data in file.messages_in(block):
-                channel = file.channels[channel_id]
+                channel = file.channels.get(channel_id)
+                if channel is None:
+                    raise InputError(
+                        f"{file.path} is damaged: it has a message of channel {channel_id}, which "
+                        f"it does not describe. Try ./omm repair {file.path}"
+                    )
+                read[id(file), channel_id] += 1
                 if (
                     topics is not None and channel.name not in topics
                 ) or not start_ns <= log_ns < end:
@@ -141,8 +149,25 @@ class Recording:
                 )
                 heapq.heappush(waiting, (log_ns, count, message))
                 count += 1
+        if start_ns <= 0 and end_ns is None:
+            self._compare_counts(read, topics)
         while waiting:
             yield heapq.heappop(waiting)[2]
+
+    def _compare_counts(
+        self, read: Counter[tuple[int, int]], topics: Collection[str] | None
+    ) -> None:
+        """Make sure that as many messages were read as the writer says that it wrote."""
+        for file in self.files:
+            for channel_id, channel in file.channels.items():
+                if file.counts is None or (topics is not None and channel.name not in topics):
+                    continue
+                written, got = file.counts.get(channel_id, 0), read[id(file), channel_id]
+                if written != got:
+                    raise InputError(
+                        f"{file.path} is damaged: {written} messages were written on "
+                        f"{channel.name}, {got} are found. Try ./omm repair {file.path}"
+                    )
 
     def decode(self, message: RecordedMessage) -> Any:
         """Turn a message's bytes into an object with the fields of its type."""
