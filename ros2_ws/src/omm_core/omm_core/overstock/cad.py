@@ -79,10 +79,15 @@ class Face:
         count = len(self.triangles)
         places, normals = np.empty_like(points), np.empty_like(points)
         own = triangle_normals(self.triangles)
-        for i, point in enumerate(points):
-            candidates = closest_point(self.triangles, np.tile(point, (count, 1)))
-            best = int(((candidates - point) ** 2).sum(axis=1).argmin())
-            places[i], normals[i] = candidates[best], own[best]
+        chunk = max(1, 20000 // count)
+        for start in range(0, len(points), chunk):
+            block = points[start : start + chunk]
+            all_triangles = np.tile(self.triangles, (len(block), 1, 1))
+            candidates = closest_point(all_triangles, np.repeat(block, count, axis=0))
+            candidates = candidates.reshape(len(block), count, 3)
+            best = ((candidates - block[:, None]) ** 2).sum(axis=2).argmin(axis=1)
+            places[start : start + chunk] = candidates[np.arange(len(block)), best]
+            normals[start : start + chunk] = own[best]
         return places, normals
 
     def _free(self, points: Array) -> tuple[Array, Array]:

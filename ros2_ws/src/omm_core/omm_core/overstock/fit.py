@@ -231,6 +231,12 @@ def _document(
         told = (margins + errors)[:, on].min(axis=1) - margins[on].min()
         return float(np.quantile(np.abs(told), COVERAGE))
 
+    for number in np.unique(problem.face):
+        if problem.faces[number].kind == "free":
+            findings.append(
+                f"{problem.faces[number].name} is taken as its triangles: their chord error,"
+                " which the file does not tell, stands in its overstock"
+            )
     rows = []
     for number, name in enumerate(problem.names):
         on = groups == number
