@@ -15,6 +15,7 @@ from omm_core.errors import InputError
 from omm_core.files.output import write_whole
 from omm_recording.decoding import image_pixels, stamp_ns
 from omm_recording.reading import Recording
+from omm_recording.run_files import find_run
 
 IMAGES = "/camera/image_raw"
 POSES = "/cnc/spindle_pose"
@@ -60,6 +61,11 @@ def export(
     progress
         Called with each file's name.
     """
+    if folder.resolve() == find_run(run).folder.resolve():
+        raise InputError(
+            f"Expected another folder than the run's own, got {folder}: an export must not lie "
+            "over the recording and its files."
+        )
     folder.mkdir(parents=True, exist_ok=True)
     written: list[Path] = []
 

@@ -78,11 +78,13 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _run_folder(chosen: Path | None, scenario: str, seed: int) -> Path:
+    from omm_core.files.output import take_folder
+
     stamp = time.strftime("%Y%m%d-%H%M%S")
     folder = chosen or Path("runs") / f"{stamp}-{scenario}-{seed}"
+    take_folder(folder)
     if (folder / "run.mcap").exists():
         raise InputError(f"Expected a folder without a recording, got {folder}: name another.")
-    folder.mkdir(parents=True, exist_ok=True)
     return folder.resolve()
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from omm_core.errors import InputError
+from omm_core.files.output import write_whole
 
 if TYPE_CHECKING:
     import numpy as np
@@ -67,7 +68,7 @@ def _show(args: argparse.Namespace) -> int:
     if args.at:
         _print_pose(machine, _axes(args.at, machine))
     if args.svg:
-        args.svg.write_text(draw(machine), encoding="utf-8")
+        write_whole(args.svg, draw(machine))
         print(f"drawn to {args.svg}")
     return 0 if all(finding.good for finding in findings) else 1
 
@@ -124,7 +125,7 @@ def _program(args: argparse.Namespace) -> int:
         rotary_deg=[(name, math.degrees(value)) for name, value in rotary.items()],
         title=part.name,
     )
-    args.output.write_text(text, encoding="utf-8")
+    write_whole(args.output, text)
     print(f"{len(stops)} images of {len(part.targets)} targets in {args.output}")
     return 0
 
