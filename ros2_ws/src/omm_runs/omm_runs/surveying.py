@@ -116,6 +116,7 @@ def as_json(given: SurveySet, network: Network) -> dict[str, Any]:
     rejected = int(np.sum(~network.used))
     if rejected:
         findings.append(f"{rejected} of {len(network.used)} image points are left out as blunders.")
+    findings += _suspects(given, network)
     few = [str(p) for p in network.points if network.rays_of(p) < FEWEST_RAYS]
     if few:
         findings.append(
@@ -154,6 +155,25 @@ def as_json(given: SurveySet, network: Network) -> dict[str, Any]:
         "check_bars": _measured(network, given.check_bars, "check bar", findings),
         "findings": findings,
     }
+
+
+def _suspects(given: SurveySet, network: Network) -> list[str]:
+    """Name targets and photographs of which a quarter or more of the rays were left out."""
+    found = []
+    for what, numbers, name in (
+        ("Target", [s.point for s in network.sightings], str),
+        ("Photograph", [s.photo for s in network.sightings], lambda i: given.photos[i].name),
+    ):
+        every = np.array(numbers)
+        for number in np.unique(every):
+            out = int(np.sum(~network.used & (every == number)))
+            of = int(np.sum(every == number))
+            if out >= 2 and out >= 0.25 * of:
+                found.append(
+                    f"{what} {name(int(number))}: {out} of {of} rays do not fit and are left out;"
+                    " it may have moved, been misread or be partly hidden."
+                )
+    return found
 
 
 def _one_roll_angle(network: Network) -> bool:
