@@ -19,7 +19,7 @@ Index = NDArray[np.intp]
 FEWEST_RAYS = 3
 FEWEST_IN_PHOTO = 5
 _REJECTION = 16.0  # t2 of a ray: about 4 sigma
-_ROUNDS = 12
+_ROUNDS = 20
 # What is freed, and from how many photographs on.
 _STAGES = ((), (0, 3), (0, 1, 2, 3, 4, 6, 7), tuple(range(10)))
 _PHOTOS_FOR_ALL = 16
@@ -155,6 +155,8 @@ class _Fitting:
         """Free the calibration in stages, reject, and estimate sigma0 of the rays."""
         stages = _STAGES if len(self.photos) >= _PHOTOS_FOR_ALL else _STAGES[:3]
         for stage in stages:
+            if stage == stages[-1]:  # what only a held lens could not explain comes back
+                self.used[:] = True
             for _ in range(_ROUNDS):
                 problem = self._problem(values, stage)
                 solution = solve(problem)
