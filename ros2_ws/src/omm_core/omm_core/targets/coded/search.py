@@ -230,7 +230,7 @@ def _ellipse(half, col, row, level, sign, reach):
             if k % 2 == 1:
                 opposite = lengths[i - RAYS // 2]
                 pair, differ = lengths[i] + opposite, abs(lengths[i] - opposite)
-                if differ > (2.0 + 0.25 * pair if turn == 0 else 0.8 + 0.1 * pair):
+                if differ > (2.0 + 0.25 * pair if turn == 0 else 1.4 + 0.1 * pair):
                     return False, 0.0, 0.0, 0.0, 0.0, 0.0
         # Through half of the chords the ellipse (a: mean of 1/r², b and c2: how it differs by
         # direction), through their middles how far its centre is away.
