@@ -12,3 +12,23 @@ def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
     if os.environ.get("OMM_NO_SKIPS") and skipped and exitstatus == pytest.ExitCode.OK:
         session.exitstatus = pytest.ExitCode.TESTS_FAILED
         reporter.write_line(f"{len(skipped)} skipped, and OMM_NO_SKIPS is set: failed", red=True)
+
+
+# These depend on the timing of a real device or control on a machine that may be busy: a virtual
+# machine that boots, packets of a camera, a servo cycle. Nothing else is tried a second time.
+REAL_DEVICES = (
+    "test_gige",
+    "test_v4l2",
+    "test_linuxcnc",
+    "test_faults_over_dds",
+    "test_measuring_program",
+)
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Let a test of a real device be tried once more, where the plugin for it is there."""
+    if not config.pluginmanager.hasplugin("rerunfailures"):
+        return
+    for item in items:
+        if item.path.stem.startswith(REAL_DEVICES):
+            item.add_marker(pytest.mark.flaky(reruns=1))
