@@ -270,4 +270,4 @@ def _values(status: Status) -> dict[str, object]:
 
 def main(args: list[str] | None = None) -> None:
     """Run the camera node."""
-    sys.exit(run_node(CameraNode, args, threads=3))
+    sys.exit(run_node(CameraNode, args, parameters=Parameters, threads=3))

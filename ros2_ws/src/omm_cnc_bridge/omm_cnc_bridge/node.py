@@ -334,4 +334,4 @@ def _make_handshake(p: Parameters, acknowledged: int = 0) -> Handshake:
 
 def main(args: list[str] | None = None) -> int:
     make: Callable[[], Node] = CncBridgeNode
-    return run_node(make, args, threads=2)
+    return run_node(make, args, parameters=Parameters, threads=2)

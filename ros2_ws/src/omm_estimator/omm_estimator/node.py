@@ -306,4 +306,4 @@ class EstimatorNode(LifecycleNode):
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
     # One thread: in rclpy's pool, images waited up to a second behind the poses.
-    return run_node(EstimatorNode, args, threads=1, niceness=5)
+    return run_node(EstimatorNode, args, parameters=Parameters, threads=1, niceness=5)

@@ -259,10 +259,11 @@ def main(args: list[str] | None = None) -> int:
     made: list[RecorderNode] = []
 
     def make() -> RecorderNode:
+        """Records all topics of a measurement, with its part and calibration files."""
         made.append(RecorderNode())
         return made[0]
 
-    status = run_node(make, args, threads=1)
+    status = run_node(make, args, parameters=Parameters, threads=1)
     return status or int(bool(made) and made[0].failed)
 
 

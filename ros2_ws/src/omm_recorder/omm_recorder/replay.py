@@ -21,8 +21,9 @@ from omm_recorder.keyboard import Keyboard
 from omm_recorder.playback import MAX_RATE, MIN_RATE, PlaybackClock
 from omm_recording.reading import RecordedMessage, Recording
 from omm_recording.rosbag2_format import TopicQos, parsed_qos
+from omm_ros import node_help
 from omm_ros.conversions import time_from_ns
-from omm_ros.parameters import declare, parameter
+from omm_ros.parameters import check_no_unknown, declare, parameter
 
 CLOCK_PERIOD_S = 0.025
 KEY_PERIOD_S = 0.02
@@ -69,6 +70,7 @@ class ReplayNode(Node):
     ) -> None:
         super().__init__("replay", parameter_overrides=overrides or [])
         self.parameters = declare(self, ReplayParameters)
+        check_no_unknown(self)
         if not self.parameters.run:
             raise InputError("Expected the parameter run: the recording to replay.")
         self.recording = Recording(Path(self.parameters.run))
@@ -300,6 +302,9 @@ def replay(overrides: list[Parameter] | None = None, arguments: list[str] | None
 
 def main(args: list[str] | None = None) -> int:
     """Run the replay node; status 2 where its parameters cannot be used."""
+    if node_help.asked(args):
+        print(node_help.help_text(ReplayNode.__doc__ or "", ReplayParameters), end="")
+        return 0
     try:
         return replay(arguments=args)
     except InputError as error:

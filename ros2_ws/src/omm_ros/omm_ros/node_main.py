@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable
 
 import rclpy
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.exceptions import InvalidHandle, NotInitializedException
 from rclpy.executors import (
@@ -17,17 +18,23 @@ from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.node import Node
 
 from omm_core.errors import InputError, OmmError
-from omm_ros import transport
+from omm_ros import node_help, transport
 from omm_ros.environment import check_environment
 from omm_ros.interrupt import Interrupts
+from omm_ros.parameters import check_no_unknown
 
 AUTOSTART = "autostart"
+_AUTOSTART = ParameterDescriptor(
+    description="Configure and activate by itself; false: wait for a lifecycle manager.",
+    read_only=True,
+)
 
 
 def run_node(
     make: Callable[[], Node],
     arguments: list[str] | None = None,
     *,
+    parameters: type,
     threads: int = 2,
     niceness: int = 0,
 ) -> int:
@@ -40,10 +47,21 @@ def run_node(
     so that `ros2 run` works without a manager. A node that computes gives way to those that must
     be in time (camera, control) by its niceness.
 
+    Parameters
+    ----------
+    make : makes the node
+    arguments : command line without the program's name; default: the process's
+    parameters : the dataclass of its parameters, which `--help` describes
+    threads : callbacks that may run at the same time
+    niceness : how much it gives way to others
+
     Returns
     -------
     0 after a clean end, 1 when the node failed, 2 when its parameters cannot be used.
     """
+    if node_help.asked(arguments):
+        print(node_help.help_text(make.__doc__ or "", parameters), end="")
+        return 0
     try:
         check_environment()
     except InputError as error:
@@ -59,6 +77,9 @@ def run_node(
     executor = None
     try:
         node = make()
+        if isinstance(node, LifecycleNode):
+            node.declare_parameter(AUTOSTART, True, _AUTOSTART)
+        check_no_unknown(node)
         # One thread needs no pool, and handing a message to one costs as much as taking it.
         one = threads == 1
         executor = SingleThreadedExecutor() if one else MultiThreadedExecutor(num_threads=threads)
@@ -87,7 +108,6 @@ def run_node(
 
 
 def _autostart(node: LifecycleNode) -> None:
-    node.declare_parameter(AUTOSTART, True)
     if not node.get_parameter(AUTOSTART).value:
         return
     for transition in (node.trigger_configure, node.trigger_activate):

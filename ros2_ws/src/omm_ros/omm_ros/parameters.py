@@ -8,6 +8,7 @@ parameters = declare(node, Parameters)
 """
 
 import dataclasses
+import difflib
 import typing
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -68,6 +69,35 @@ def declare(node: Node, kind: type[P]) -> P:
             ) from error
         values[field.name] = _checked(field, types[field.name], declared.value)
     return kind(**values)
+
+
+# What rclpy and DDS themselves take as parameters of every node.
+_OF_ROS = ("use_sim_time", "start_type_description_service", "autostart")
+_OF_ROS_PREFIXES = ("qos_overrides.", "diagnostic_updater.")
+
+
+def check_no_unknown(node: Node) -> None:
+    """Refuse parameters that were given at the start and that the node does not have.
+
+    A misspelt `exposre_us` would otherwise leave the exposure as it was, and say nothing.
+
+    Raises
+    ------
+    InputError
+        A name is unknown; the nearest one is told.
+    """
+    # rclpy keeps what it was given here and offers no public way to it.
+    given = node._parameter_overrides
+    known = sorted({*node._parameters, *_OF_ROS})
+    for name in given:
+        if name in known or name.startswith(_OF_ROS_PREFIXES):
+            continue
+        near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+        meant = f" Did you mean {near[0]}?" if near else ""
+        raise InputError(
+            f"Parameter {name}: {node.get_name()} has none of that name.{meant} "
+            "All are listed by --help. (A parameter file's part `/**` reaches every node.)"
+        )
 
 
 def watch(node: Node, current: P, changed: Callable[[P], None]) -> None:

@@ -44,7 +44,7 @@ def test_values_that_ros_can_use_pass(monkeypatch, tmp_path, domain):
 def test_a_node_says_it_in_one_line_with_status_2(monkeypatch, name, value):
     pytest.importorskip("rclpy", reason="ROS 2 is not there")
     monkeypatch.setenv(name, value)
-    program = "import sys; from omm_ros.node_main import run_node; sys.exit(run_node(None, []))"
+    program = "from omm_ros.node_main import run_node; exit(run_node(None, [], parameters=object))"
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False
     )

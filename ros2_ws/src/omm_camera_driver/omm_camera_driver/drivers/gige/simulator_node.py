@@ -99,4 +99,4 @@ class GigeSimulatorNode(Node):
 def main(args: list[str] | None = None) -> None:
     """Run the simulated camera."""
     # One thread: in rclpy's pool, poses come late.
-    sys.exit(run_node(GigeSimulatorNode, args, threads=1))
+    sys.exit(run_node(GigeSimulatorNode, args, parameters=Parameters, threads=1))
