@@ -9,25 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
 
-import yaml
-
-from omm_core.errors import InputError
-from omm_core.files.yaml_input import YamlSection
+from omm_core.files.machine import Follows
+from omm_core.files.machine import Machine as MachineFile
 
 FOLLOW_TOLERANCE = {False: 0.02, True: 2e-5}
 """How far two drives of one axis may be apart, mm and rad, where machine.yaml does not say."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Follows:
-    """An axis that goes with another one."""
-
-    leader: str
-    tolerance: float | None = None
-    """mm, or rad where the leader turns; None takes FOLLOW_TOLERANCE."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,6 +23,11 @@ class AxisRules:
 
     follows: Mapping[str, Follows] = field(default_factory=dict)
     ignored: frozenset[str] = frozenset()
+
+    @classmethod
+    def of(cls, machine: MachineFile) -> AxisRules:
+        """Return the rules that a machine's file gives."""
+        return cls(follows=machine.follows, ignored=machine.ignored)
 
     def refusal(
         self,
@@ -70,73 +62,6 @@ class AxisRules:
                     f"is not in the machine's URDF{_way_out(axis, known)}"
                 )
         return ""
-
-
-def read_machine_file(path: Path) -> tuple[Path, AxisRules]:
-    """Path of the URDF, and the rules for other axes, of a URDF or a machine.yaml.
-
-    The two are told apart by content: a URDF is XML.
-
-    Raises
-    ------
-    InputError
-        Where the file cannot be read or its axes say something else than the contract has.
-    """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        return path, AxisRules()  # XML declares its own encoding
-    except OSError as error:
-        raise InputError(
-            f"Expected a machine (URDF or machine.yaml) at {path}: {error.strerror}."
-        ) from error
-    if text.lstrip().startswith("<"):
-        return path, AxisRules()
-    try:
-        root = YamlSection(yaml.safe_load(text), str(path))
-    except yaml.YAMLError as error:
-        raise InputError(f"{path}: expected a URDF (XML) or a machine.yaml: {error}") from error
-    urdf = path.parent / root.section("machine").text("urdf")
-    return urdf, _rules(root)
-
-
-def _rules(root: YamlSection) -> AxisRules:
-    if "axes" not in root:
-        return AxisRules()
-    axes = root.section("axes")
-    follows: dict[str, Follows] = {}
-    ignored: set[str] = set()
-    for name in axes.values:
-        if name not in axes:  # "X:" with nothing behind it
-            continue
-        axis = axes.section(name)
-        if "follows" in axis:
-            follows[str(name)] = _follows(str(name), axis)
-        if _is_ignored(axis):
-            ignored.add(str(name))
-    both = sorted(ignored & {*follows, *(f.leader for f in follows.values())})
-    if both:
-        raise InputError(
-            f"{axes.where}: expected {', '.join(both)} to be ignored or to follow, got both."
-        )
-    return AxisRules(follows=follows, ignored=frozenset(ignored))
-
-
-def _follows(name: str, axis: YamlSection) -> Follows:
-    leader = axis.text("follows")
-    if leader == name:
-        raise InputError(f"{axis.where}: expected another axis to follow, got itself.")
-    for key in ("tolerance_mm", "tolerance_rad"):
-        if key in axis:
-            return Follows(leader=leader, tolerance=axis.number(key, above=0.0))
-    return Follows(leader=leader)
-
-
-def _is_ignored(axis: YamlSection) -> bool:
-    value: Any = axis.values.get("ignored", False)
-    if not isinstance(value, bool):
-        raise InputError(f"{axis.where}: expected true or false for 'ignored', got {value!r}.")
-    return value
 
 
 def _apart(

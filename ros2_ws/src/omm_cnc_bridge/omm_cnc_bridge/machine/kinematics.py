@@ -17,9 +17,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_cnc_bridge.machine.axis_rules import AxisRules, read_machine_file
+from omm_cnc_bridge.machine.axis_rules import AxisRules
 from omm_cnc_bridge.machine.urdf import Joint, Robot, load_urdf
 from omm_core.errors import InputError
+from omm_core.files.machine import load_machine
 from omm_core.geometry import RigidTransform
 
 Array = NDArray[np.float64]
@@ -101,10 +102,10 @@ class Machine:
     @classmethod
     def load(cls, path: str | Path) -> Machine:
         """Read a URDF or a machine.yaml. Raises InputError where it describes no machine."""
-        urdf, rules = read_machine_file(Path(path))
-        robot = load_urdf(urdf)
+        file = load_machine(path)
+        robot = load_urdf(file.urdf)
         try:
-            return cls(robot, rules=rules)
+            return cls(robot, rules=AxisRules.of(file))
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
 

@@ -16,28 +16,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omm_core.errors import InputError
+from omm_core.files.wishes import Jack
 
 Array = NDArray[np.float64]
 Mode = Literal["exact", "tilt", "lift"]
 COVERAGE = 2.0
 MODES: tuple[Mode, ...] = ("exact", "tilt", "lift")
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Jack:
-    """A jack: where it carries the part, and how far it may still be turned.
-
-    Attributes
-    ----------
-    xyz_mm : (3,) array
-        From the part's origin, in the machine's axes.
-    travel_mm : tuple of two
-        Lowest and highest correction that the jack can still make.
-    """
-
-    name: str
-    xyz_mm: Array
-    travel_mm: tuple[float, float] = (-np.inf, np.inf)
 
 
 @dataclass(frozen=True, kw_only=True)

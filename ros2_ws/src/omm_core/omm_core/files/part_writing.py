@@ -13,7 +13,12 @@ Array = NDArray[np.float64]
 
 
 def part_yaml(
-    *, name: str, target_family: str, targets: Sequence[Target], covariance_mm2: Array | None
+    *,
+    name: str,
+    target_family: str,
+    targets: Sequence[Target],
+    covariance_mm2: Array | None,
+    box_mm: Array | None = None,
 ) -> str:
     """Return part.yaml; the covariance (3T, 3T) is in the order of the targets."""
     import yaml
@@ -23,6 +28,8 @@ def part_yaml(
         "target_family": target_family,
         "targets": [_entry(target) for target in targets],
     }
+    if box_mm is not None:
+        content["box_mm"] = [[round(float(v), 6) for v in corner] for corner in box_mm]
     if covariance_mm2 is not None:
         content["covariance_mm2"] = [[float(v) for v in row] for row in covariance_mm2]
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100)

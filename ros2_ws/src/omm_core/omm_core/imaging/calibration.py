@@ -6,7 +6,7 @@ vector of named parameters, so that its covariance can be propagated (docs/stati
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ from omm_core.errors import InputError
 from omm_core.files.yaml_input import YamlSection, read_yaml
 from omm_core.geometry import RigidTransform
 from omm_core.imaging.lens import BrownPhotogrammetric, Lens, PlumbBob, check_lens
+from omm_core.imaging.taking import Body, Imaging, read_body, read_imaging
 
 Array = NDArray[np.float64]
 
@@ -58,6 +59,10 @@ class CameraCalibration:
         :meth:`parameter_names`. Empty: the calibration is taken as exact.
     covariance : (P, P) array
         Of those parameters, in the units of their names.
+    imaging : Imaging
+        Exposure, focus and tilt, where the file tells them.
+    body : Body or None
+        The housing; None where the file does not tell it: the camera's own point.
     """
 
     name: str
@@ -66,6 +71,8 @@ class CameraCalibration:
     pixel_size_mm: float | None = None
     parameters: tuple[str, ...] = ()
     covariance: Array
+    imaging: Imaging = field(default_factory=Imaging)
+    body: Body | None = None
 
     @property
     def width_px(self) -> int:
@@ -136,6 +143,8 @@ def load_calibration(path: str | Path) -> CameraCalibration:
         if "pixel_size_mm" in camera
         else None,
         covariance=np.zeros((0, 0)),
+        imaging=read_imaging(root),
+        body=read_body(root),
     )
     if "covariance" not in root:
         return calibration
