@@ -7,8 +7,8 @@ from omm_interfaces.msg import SpindleState
 
 from omm_cnc_bridge.control import Connection
 from omm_cnc_bridge.judgement import Judgement
-from omm_cnc_bridge.machine.kinematics import Machine
 from omm_core.geometry import RigidTransform
+from omm_core.machine.kinematics import Machine
 from omm_ros.conversions import MM_PER_M, pose_from_transform, time_from_ns, transform_message
 
 MACHINE_FRAME = "machine"

@@ -10,10 +10,10 @@ from enum import Enum
 import numpy as np
 
 from omm_cnc_bridge.control import ControlSample
-from omm_cnc_bridge.machine.kinematics import Machine
 from omm_cnc_bridge.standstill import StandStill, StandStillLimits
 from omm_core.errors import InputError
 from omm_core.geometry import RigidTransform
+from omm_core.machine.kinematics import Machine
 
 
 class Reported(Enum):

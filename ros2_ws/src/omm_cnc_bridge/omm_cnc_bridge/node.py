@@ -24,11 +24,11 @@ from omm_cnc_bridge.control import Connection, ControlSample, KnowsTruth
 from omm_cnc_bridge.controls.choosing import make_control
 from omm_cnc_bridge.handshake import Acknowledge, Action, Handshake, HandshakeLimits, Trigger
 from omm_cnc_bridge.judgement import Judge, Judgement, Reported, SampleLimits
-from omm_cnc_bridge.machine.kinematics import Machine
 from omm_cnc_bridge.parameters import Parameters
 from omm_cnc_bridge.refusal_log import RefusalLog
 from omm_cnc_bridge.standstill import StandStillLimits
 from omm_core.errors import DeviceError
+from omm_core.machine.kinematics import Machine
 from omm_ros import qos
 from omm_ros.conversions import stamp_ns
 from omm_ros.diagnostics import ERROR, OK, WARN, Diagnostics, Health

@@ -8,8 +8,8 @@ import pytest
 
 from omm_cnc_bridge.control import ControlSample
 from omm_cnc_bridge.judgement import Judge, Reported, SampleLimits
-from omm_cnc_bridge.machine.kinematics import Machine
 from omm_cnc_bridge.standstill import StandStillLimits
+from omm_core.machine.kinematics import Machine
 
 MS = 1_000_000
 MACHINES = Path(__file__).parents[1] / "machines"

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from omm_cnc_bridge.machine.kinematics import Machine, Side
 from omm_core.errors import InputError
+from omm_core.machine.kinematics import Machine, Side
 
 MACHINES = Path(__file__).parents[1] / "machines"
 EXACT = {"rtol": 0.0, "atol": 1e-9}

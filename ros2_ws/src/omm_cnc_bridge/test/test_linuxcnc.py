@@ -22,10 +22,10 @@ from omm_cnc_bridge.controls.linuxcnc.control import (
 )
 from omm_cnc_bridge.gcode import ProgramOptions, Stop, measuring_program
 from omm_cnc_bridge.judgement import Judge, SampleLimits
-from omm_cnc_bridge.machine.kinematics import Machine
-from omm_cnc_bridge.machine.urdf import load_urdf
 from omm_cnc_bridge.standstill import StandStillLimits
 from omm_core.errors import DeviceError
+from omm_core.machine.kinematics import Machine
+from omm_core.machine.urdf import load_urdf
 
 pytestmark = pytest.mark.skipif(
     not is_installed(), reason="LinuxCNC is not installed (apt-get install linuxcnc-uspace)"

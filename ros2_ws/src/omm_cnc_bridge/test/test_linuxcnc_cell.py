@@ -19,8 +19,8 @@ from omm_cnc_bridge.controls.linuxcnc.cell import (
     remove_stale_folders,
 )
 from omm_cnc_bridge.controls.linuxcnc.control import LinuxCncControl
-from omm_cnc_bridge.machine.kinematics import Machine
 from omm_core.errors import DeviceError
+from omm_core.machine.kinematics import Machine
 
 pytestmark = pytest.mark.skipif(
     not is_installed(), reason="LinuxCNC is not installed (apt-get install linuxcnc-uspace)"
@@ -33,7 +33,7 @@ MACHINE = Path(__file__).parents[1] / "machines" / "three_axis_mill.urdf"
 HOLDER = f"""
 import time
 from omm_cnc_bridge.controls.linuxcnc.cell import DemoLinuxCnc
-from omm_cnc_bridge.machine.kinematics import Machine
+from omm_core.machine.kinematics import Machine
 machine = Machine.load({str(MACHINE)!r})
 control = DemoLinuxCnc("three_axis_mill", "M2", machine, rate_hz=100)
 control.connect()

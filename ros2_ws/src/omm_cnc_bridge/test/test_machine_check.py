@@ -7,7 +7,7 @@ import pytest
 
 from omm_cnc_bridge.machine.check import check
 from omm_cnc_bridge.machine.drawing import draw
-from omm_cnc_bridge.machine.kinematics import Machine
+from omm_core.machine.kinematics import Machine
 
 MACHINES = Path(__file__).parents[1] / "machines"
 ISO_841 = sorted(MACHINES.glob("*.urdf"))

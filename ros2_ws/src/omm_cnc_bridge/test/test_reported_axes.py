@@ -7,9 +7,9 @@ import pytest
 from omm_cnc_bridge.control import ControlSample
 from omm_cnc_bridge.controls.linuxcnc.control import joint_axes
 from omm_cnc_bridge.judgement import Judge, SampleLimits
-from omm_cnc_bridge.machine.kinematics import Machine
 from omm_cnc_bridge.standstill import StandStillLimits
 from omm_core.errors import DeviceError, InputError
+from omm_core.machine.kinematics import Machine
 
 MS = 1_000_000
 URDF = Path(__file__).parents[1] / "machines" / "three_axis_mill.urdf"

@@ -5,8 +5,8 @@ import stat
 
 import pytest
 
-from omm_cnc_bridge.machine.kinematics import Machine
 from omm_core.errors import InputError
+from omm_core.machine.kinematics import Machine
 
 TEXT = """<robot name="m" {more}><link name="machine"/><link name="spindle"/>
 <joint name="X" type="prismatic"><parent link="machine"/><child link="spindle"/>

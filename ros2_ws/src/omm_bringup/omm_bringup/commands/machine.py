@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from omm_cnc_bridge.machine.kinematics import Machine
+    from omm_core.machine.kinematics import Machine
 
     Array = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
 def _show(args: argparse.Namespace) -> int:
     from omm_cnc_bridge.machine.check import check
     from omm_cnc_bridge.machine.drawing import draw
-    from omm_cnc_bridge.machine.kinematics import Machine
+    from omm_core.machine.kinematics import Machine
 
     machine = Machine.load(args.machine)
     findings = check(machine)
@@ -100,10 +100,10 @@ def _axes(words: list[str], machine: "Machine") -> dict[str, float]:
 
 def _program(args: argparse.Namespace) -> int:
     from omm_cnc_bridge.gcode import ProgramOptions, measuring_program, stops_for
-    from omm_cnc_bridge.machine.kinematics import Machine
     from omm_core.files.part import load_part
     from omm_core.geometry import RigidTransform
     from omm_core.imaging.calibration import load_calibration
+    from omm_core.machine.kinematics import Machine
 
     machine = Machine.load(args.machine)
     part = load_part(args.part)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from omm_cnc_bridge.control import Control
-from omm_cnc_bridge.machine.kinematics import Machine
 from omm_cnc_bridge.parameters import Parameters
 from omm_core.errors import InputError
+from omm_core.machine.kinematics import Machine
 
 if TYPE_CHECKING:
     from omm_simulation.cell import Cell

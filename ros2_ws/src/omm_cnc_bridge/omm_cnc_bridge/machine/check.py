@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_cnc_bridge.machine.kinematics import Axis, Machine
+from omm_core.machine.kinematics import Axis, Machine
 
 _ABOUT = {"A": "X", "B": "Y", "C": "Z"}
 _UNIT = {"X": np.eye(3)[0], "Y": np.eye(3)[1], "Z": np.eye(3)[2]}

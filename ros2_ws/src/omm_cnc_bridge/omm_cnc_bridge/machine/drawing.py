@@ -8,8 +8,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_cnc_bridge.machine.kinematics import Machine, Side
-from omm_cnc_bridge.machine.urdf import Joint
+from omm_core.machine.kinematics import Machine, Side
+from omm_core.machine.urdf import Joint
 
 Array = NDArray[np.float64]
 _WIDTH, _HEIGHT, _MARGIN = 900.0, 700.0, 70.0

@@ -21,8 +21,8 @@ from types import TracebackType
 from typing import Any
 
 from omm_cnc_bridge.controls.linuxcnc.control import LOCAL_READER, SimulatedLinuxCnc
-from omm_cnc_bridge.machine.kinematics import Machine
 from omm_core.errors import DeviceError
+from omm_core.machine.kinematics import Machine
 
 CONFIGURATIONS = ("three_axis_mill", "bc_head")
 START_TIMEOUT_S = 20.0

@@ -16,8 +16,8 @@ from typing import Any
 
 from omm_cnc_bridge.clock import ControlClock, ros_from_monotonic_ns
 from omm_cnc_bridge.control import ControlSample, Mode, Orientation, ProgramState, TruePose
-from omm_cnc_bridge.machine.kinematics import Machine
 from omm_core.errors import DeviceError
+from omm_core.machine.kinematics import Machine
 
 LOCAL_READER = (
     "/usr/bin/python3",

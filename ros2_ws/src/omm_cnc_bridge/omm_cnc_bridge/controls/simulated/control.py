@@ -10,10 +10,10 @@ import numpy as np
 
 from omm_cnc_bridge.clock import ros_from_monotonic_ns
 from omm_cnc_bridge.control import ControlSample, Mode, ProgramState, TruePose
-from omm_cnc_bridge.machine.kinematics import Machine
-from omm_cnc_bridge.machine.urdf import Joint, Robot
 from omm_core.errors import DeviceError
 from omm_core.geometry import RigidTransform
+from omm_core.machine.kinematics import Machine
+from omm_core.machine.urdf import Joint, Robot
 from omm_simulation.cell import Cell
 from omm_simulation.control import AXIS_NAMES, ControlState, SimulatedControl
 from omm_simulation.scenario import Scenario

@@ -17,11 +17,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_cnc_bridge.machine.axis_rules import AxisRules
-from omm_cnc_bridge.machine.urdf import Joint, Robot, load_urdf
 from omm_core.errors import InputError
 from omm_core.files.machine import load_machine
 from omm_core.geometry import RigidTransform
+from omm_core.machine.axis_rules import AxisRules
+from omm_core.machine.urdf import Joint, Robot, load_urdf
 
 Array = NDArray[np.float64]
 
