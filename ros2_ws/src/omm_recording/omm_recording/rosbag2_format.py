@@ -6,6 +6,9 @@ from typing import Any
 
 import yaml
 
+from omm_core.errors import InputError
+from omm_core.files.strict_yaml import parse_yaml
+
 VERSION = 9  # Jazzy's: the first with quality of service in words
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
 
@@ -58,10 +61,10 @@ def channel_metadata(qos: TopicQos, type_hash: str) -> dict[str, str]:
 def parsed_qos(text: str) -> TopicQos:
     """Read a channel's quality of service, in words or in rosbag2's older numbers."""
     try:
-        profile = yaml.safe_load(text)[0]
+        profile = parse_yaml(text, "quality of service")[0]
         reliability, durability = str(profile["reliability"]), str(profile["durability"])
         depth = int(profile["depth"])
-    except (yaml.YAMLError, KeyError, TypeError, IndexError, ValueError):
+    except (InputError, KeyError, TypeError, IndexError, ValueError):
         return TopicQos()
     return TopicQos(
         reliable=reliability not in ("best_effort", "2"),

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
-import yaml
-
 from omm_core.errors import InputError
+from omm_core.files.yaml_input import read_yaml
 
 UNFINISHED = ".unfinished"
 
@@ -69,14 +68,13 @@ def _in_folder(folder: Path) -> RunFiles:
 def _listed(folder: Path) -> tuple[Path, ...]:
     """The files that rosbag2's metadata.yaml names."""
     path = folder / "metadata.yaml"
+    root = read_yaml(path, "metadata of a rosbag2 recording").values
     try:
-        information: dict[str, Any] = yaml.safe_load(path.read_text())[
-            "rosbag2_bagfile_information"
-        ]
+        information: dict[str, Any] = root["rosbag2_bagfile_information"]
         # Old versions wrote the paths relative to the folder above.
         files = [folder / Path(name).name for name in information["relative_file_paths"]]
         storage = information["storage_identifier"]
-    except (yaml.YAMLError, KeyError, TypeError, UnicodeDecodeError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{path} is not the metadata.yaml of rosbag2: {error}") from error
     if storage != "mcap":
         raise InputError(

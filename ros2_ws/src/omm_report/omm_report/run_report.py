@@ -10,10 +10,10 @@ from typing import Any
 
 import cv2
 import numpy as np
-import yaml
 
 from omm_core.alignment.tolerance import Decision, decide
 from omm_core.errors import InputError
+from omm_core.files.strict_yaml import parse_yaml
 from omm_core.session.quantities import THETA
 from omm_recording.reading import Recording
 from omm_recording.run_files import find_run
@@ -117,7 +117,7 @@ def _expanded(solved: SolvedRun, content: dict[str, Any]) -> list[float]:
 
 
 def _decisions(solved: SolvedRun, uncertainty: Sequence[float], part: bytes) -> list[list[str]]:
-    stated = yaml.safe_load(part) or {}
+    stated = parse_yaml(part, "The part file") or {}
     tolerances, nominal = stated.get("tolerances") or {}, stated.get("nominal") or {}
     angles = nominal.get("euler_xyz_rad") or [None] * 3
     wanted = [*angles, *(nominal.get("translation_mm") or [None] * 3)]

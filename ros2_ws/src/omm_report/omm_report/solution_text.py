@@ -1,11 +1,11 @@
 """A solved run as people read it: a table in mm and mm/m, and what became of the images."""
 
-import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from omm_core.errors import InputError
+from omm_core.files.json_input import read_json
 from omm_core.session.quantities import THETA
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def _truth(run: Path) -> dict[str, float] | None:
     if not path.is_file():
         return None
     try:
-        content = json.loads(path.read_text())
+        content = read_json(path, "truth")
         theta = content.get("theta", content)
         return {quantity.key: float(theta[quantity.key]) for quantity in THETA}
     except (ValueError, KeyError, TypeError, AttributeError) as error:

@@ -212,6 +212,7 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
     """
     path = _find(name_or_path)
     root = read_yaml(path, "scenario file")
+    root.warn_unknown(*_KEYS, *_SECTIONS)
     part_file = path.parent / root.text("part_file")
     calibration_file = path.parent / root.text("calibration_file")
     sections = {name: _read(cls, root.section(name)) for name, cls in _SECTIONS.items()}
@@ -227,6 +228,7 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
     )
 
 
+_KEYS = ("name", "description", "part_file", "calibration_file", "backlash_rad")
 _SECTIONS: dict[str, Any] = {
     "placement": PartPlacement,
     "machine": Machine,

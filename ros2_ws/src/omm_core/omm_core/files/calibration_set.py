@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,9 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.errors import InputError
+from omm_core.files.outside import read_text
 from omm_core.files.yaml_input import YamlSection, read_yaml
 
 Array = NDArray[np.float64]
+
+
+_KEYS = {
+    "cmm": ("points", "target", "sigma_xyz_mm", "sigma_px"),
+    "machine": ("run", "part", "machine_sigma_mm", "touched"),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,6 +92,8 @@ def load_calibration_set(path: Path) -> CmmSet | MachineSet:
             " live, both models are understood."
         )
     kind = root.text("kind")
+    own = _KEYS.get(kind, ())
+    root.warn_unknown("kind", "camera", "model", "nominal", *own)
     if kind == "cmm":
         return _cmm(path, root)
     if kind == "machine":
@@ -93,6 +103,7 @@ def load_calibration_set(path: Path) -> CmmSet | MachineSet:
 
 def _camera(root: YamlSection) -> SetCamera:
     camera = root.section("camera")
+    camera.warn_unknown("name", "width_px", "height_px", "pixel_size_mm")
     return SetCamera(
         name=camera.text("name"),
         width_px=camera.integer("width_px", minimum=16),
@@ -109,6 +120,7 @@ def _machine(path: Path, root: YamlSection) -> MachineSet:
     touched = None
     if "touched" in root:
         section = root.section("touched")
+        section.warn_unknown("target", "z_mm", "sigma_mm")
         touched = Touched(
             target=section.integer("target", minimum=1),
             z_mm=section.number("z_mm"),
@@ -127,6 +139,7 @@ def _machine(path: Path, root: YamlSection) -> MachineSet:
 
 def _cmm(path: Path, root: YamlSection) -> CmmSet:
     target = root.section("target")
+    target.warn_unknown("dot_diameter_mm", "normal")
     normal = target.numbers("normal", 3)
     if np.linalg.norm(normal) < 1e-6:
         raise InputError(f"{target.where}: expected a normal with a direction, got {normal}.")
@@ -146,10 +159,10 @@ def _cmm(path: Path, root: YamlSection) -> CmmSet:
 
 
 def _points(path: Path) -> tuple[tuple[str, ...], Array, Array | None]:
+    text = read_text(path, "table of points")
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(file))
-    except (OSError, UnicodeDecodeError) as error:
+        rows = list(csv.DictReader(io.StringIO(text, newline="")))
+    except csv.Error as error:
         raise InputError(f"The points {path} cannot be read: {error}.") from None
     if not rows:
         raise InputError(f"{path}: expected one line for each image, got none.")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.errors import InputError
+from omm_core.files.json_input import read_json
 
 Array = NDArray[np.float64]
 
@@ -43,13 +43,11 @@ def load_points(path: Path) -> SurveyPoints:
     InputError
         Where the file is missing, malformed, or holds a number that is none.
     """
+    root = read_json(path, "points file")
     try:
-        root = json.loads(path.read_text(encoding="utf-8"))
         points = tuple(_point(entry) for entry in root["points"])
         family, diameter = str(root["target_family"]), float(root["coded_dot_diameter_mm"])
-    except OSError as error:
-        raise InputError(f"The points file {path} cannot be read: {error.strerror}.") from None
-    except (ValueError, TypeError) as error:
+    except (ValueError, TypeError, AttributeError, OverflowError) as error:
         raise InputError(f"{path}: expected the points of a survey; {error}.") from None
     except KeyError as error:
         raise InputError(f"{path}: the key {error} is missing.") from None
@@ -70,7 +68,10 @@ def _point(entry: dict[str, Any]) -> SurveyPoint:
     normal = None
     if entry.get("normal") is not None:
         normal = _numbers(entry["normal"], (3,), f"normal of {name}")
-        normal = normal / np.linalg.norm(normal)
+        length = np.linalg.norm(normal)
+        if length < 1e-6:
+            raise ValueError(f"normal of {name} must have a direction")
+        normal = normal / length
     return SurveyPoint(
         name=name,
         id=int(entry["id"]) if entry.get("coded") else None,

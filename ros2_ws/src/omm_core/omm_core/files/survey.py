@@ -8,6 +8,11 @@ from pathlib import Path
 from omm_core.errors import InputError
 from omm_core.files.yaml_input import YamlSection, read_yaml
 
+_KEYS = (
+    "camera", "photos", "target_family", "coded_dot_diameter_mm", "plain_dot_diameter_mm",
+    "scale_bars", "check_bars", "datum",
+)  # fmt: skip
+
 
 @dataclass(frozen=True, kw_only=True)
 class DeclaredBar:
@@ -44,7 +49,9 @@ def load_survey(path: Path) -> SurveySet:
     """
     file = path / "survey.yaml" if path.is_dir() else path
     root = read_yaml(file, "survey file")
+    root.warn_unknown(*_KEYS)
     camera = root.section("camera")
+    camera.warn_unknown("name", "width_px", "height_px", "pixel_size_mm", "focal_length_mm")
     pixel = camera.number("pixel_size_mm", above=0.0)
     return SurveySet(
         camera_name=camera.text("name") if "name" in camera else "camera",
@@ -73,7 +80,10 @@ def _photos(root: YamlSection, folder: Path) -> tuple[Path, ...]:
     for pattern in patterns:
         if Path(pattern).is_absolute():
             raise InputError(f"{root.where}: photos: expected names relative to this file.")
-        matches = sorted(folder.glob(pattern))
+        try:
+            matches = sorted(folder.glob(pattern))
+        except (ValueError, OSError, IndexError) as error:
+            raise InputError(f"{root.where}: photos: {pattern!r}: {error}.") from None
         if not matches:
             raise InputError(f"{root.where}: photos: found nothing that is called '{pattern}'.")
         found += [match for match in matches if match not in found]
@@ -89,6 +99,7 @@ def _bars(root: YamlSection, key: str) -> tuple[DeclaredBar, ...]:
     bars = []
     for number, entry in enumerate(given, start=1):
         bar = YamlSection(entry, f"{root.where}: {key} {number}")
+        bar.warn_unknown("ends", "length_mm", "sigma_mm")
         first, second = bar.numbers("ends", 2)
         bars.append(
             DeclaredBar(

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import contextlib
+import difflib
 import math
 import reprlib
-import stat
 from collections.abc import Sequence
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_core.errors import InputError
+from omm_core.errors import InputError, warn
+from omm_core.files.outside import read_text
+from omm_core.files.strict_yaml import parse_yaml
 
-_LARGEST_BYTES = 20 << 20
 _BOUNDED = reprlib.Repr()
 _BOUNDED.maxlevel, _BOUNDED.maxstring, _BOUNDED.maxother = 2, 80, 80
 _BOUNDED.maxlist = _BOUNDED.maxdict = 6
@@ -49,6 +49,16 @@ class YamlSection:
             raise InputError(f"{self.where}: the key '{key}' is missing (keys there: {there}).")
         return self.values[key]
 
+    def warn_unknown(self, *known: str) -> None:
+        """Tell of keys that nothing reads, with the nearest known one: typing errors are quiet."""
+        for key in self.values:
+            if str(key) not in known:
+                near = difflib.get_close_matches(str(key), known, 1, cutoff=0.0)
+                warn(
+                    f"{self.where}: the key {_short(key)} is not known and not read"
+                    f" (nearest known one: {near[0]})."
+                )
+
     def section(self, key: str) -> YamlSection:
         """Return the mapping under a key."""
         return YamlSection(self.get(key), f"{self.where}: {key}")
@@ -56,17 +66,20 @@ class YamlSection:
     def text(self, key: str) -> str:
         """Return the words under a key."""
         value = self.get(key)
-        if isinstance(value, (dict, list)):
-            raise InputError(f"{self.where}: expected a name for '{key}', got {_short(value)}.")
+        if isinstance(value, (dict, list, bool)):
+            raise InputError(
+                f"{self.where}: expected a name for '{key}', got {_short(value)}. Put it in quotes"
+                " if it is one."
+            )
         return str(value)
 
-    def integer(self, key: str, *, minimum: int = 0) -> int:
+    def integer(self, key: str, *, minimum: int = 0, maximum: int = 2**31 - 1) -> int:
         """Return the whole number under a key."""
         value = self.get(key)
-        if isinstance(value, bool) or not isinstance(value, int) or value < minimum:
+        if isinstance(value, bool) or not isinstance(value, int) or not minimum <= value <= maximum:
             raise InputError(
-                f"{self.where}: expected a whole number >= {minimum} for '{key}',"
-                f" got {_short(value)}."
+                f"{self.where}: expected a whole number >= {minimum} (at most {maximum}) for"
+                f" '{key}', got {_short(value)}."
             )
         return value
 
@@ -93,6 +106,8 @@ class YamlSection:
         if isinstance(value, str):
             with contextlib.suppress(ValueError):
                 value = float(value)
+        if isinstance(value, int) and abs(value) > 1 << 1000:  # math would not take it
+            value = math.inf
         good = isinstance(value, (int, float)) and not isinstance(value, bool)
         if not (good and math.isfinite(value) and value > above):
             wanted = "a finite number" if above == -math.inf else f"a number above {above:g}"
@@ -115,59 +130,8 @@ def read_yaml(path: str | Path, what: str) -> YamlSection:
     InputError
         Where the file is missing, unreadable, not YAML, or not a mapping.
     """
-    import yaml
-
-    path = Path(path)
-    try:
-        loaded = yaml.load(_text(path, what), Loader=_strict_loader())
-    except yaml.YAMLError as error:
-        raise InputError(f"The {what} {path} is not YAML: {' '.join(str(error).split())}") from None
-    except RecursionError:
-        raise InputError(f"The {what} {path} is nested too deeply to be one.") from None
-    except ValueError as error:  # a number of thousands of digits
-        raise InputError(f"The {what} {path} cannot be read: {error}.") from None
-    return YamlSection(loaded, str(path))
-
-
-def _text(path: Path, what: str) -> str:
-    try:
-        status = path.stat()
-        if not stat.S_ISREG(status.st_mode):
-            raise InputError(f"Expected a {what} at {path}, but that is no ordinary file.")
-        if status.st_size > _LARGEST_BYTES:
-            raise InputError(
-                f"Expected a {what} of at most {_LARGEST_BYTES >> 20} MB at {path},"
-                f" got {status.st_size / 1e6:.0f} MB."
-            )
-        return path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise InputError(f"Expected a {what} at {path}, but there is no such file.") from None
-    except (OSError, ValueError) as error:
-        raise InputError(f"The {what} {path} cannot be read: {error}.") from None
-
-
-@cache
-def _strict_loader() -> Any:
-    """Return a safe loader that refuses a key that stands twice: YAML's own lets the last win."""
-    import yaml
-
-    class Strict(yaml.SafeLoader):
-        def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-            lines: dict[str, int] = {}
-            for key, _ in node.value:
-                name, line = str(key.value), key.start_mark.line + 1
-                if name in lines and isinstance(key.value, str) and name != "<<":
-                    raise yaml.constructor.ConstructorError(
-                        None,
-                        None,
-                        f"the key '{name}' stands twice, in lines {lines[name]} and {line};"
-                        " keep one of them",
-                        key.start_mark,
-                    )
-                lines[name] = line
-            return dict(super().construct_mapping(node, deep))
-
-    return Strict
+    text = read_text(path, what)
+    return YamlSection(parse_yaml(text, f"The {what} {path}"), str(path))
 
 
 def _short(value: Any) -> str:

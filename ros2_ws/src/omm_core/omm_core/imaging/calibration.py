@@ -27,6 +27,10 @@ _INTRINSICS: dict[type, tuple[str, ...]] = {
     PlumbBob: ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3"),
 }  # fmt: skip
 _EXTRINSICS = ("x_mm", "y_mm", "z_mm", "alpha_rad", "beta_rad", "gamma_rad")
+_FILE_KEYS = (
+    "camera", "model", "intrinsics", "taper_to_camera", "covariance", "parameters", "calibration",
+    "imaging", "body",
+)  # fmt: skip
 # Other ways in which calibration files name the same parameters.
 _ALIASES = {
     "principal_point_offset_px[0]": "cl0_px",
@@ -125,13 +129,16 @@ def load_calibration(path: str | Path) -> CameraCalibration:
         Where the file is missing, malformed, names an unknown model, or its lens cannot be.
     """
     root = read_yaml(path, "calibration file")
+    root.warn_unknown(*_FILE_KEYS)
     camera = root.section("camera")
+    camera.warn_unknown("name", "width_px", "height_px", "pixel_size_mm")
     lens = _lens(root, camera)
     try:
         check_lens(lens)
     except InputError as error:
         raise InputError(f"{root.where}: intrinsics: {error}") from None
     taper = root.section("taper_to_camera")
+    taper.warn_unknown("translation_mm", "euler_xyz_rad")
     alpha, beta, gamma = taper.numbers("euler_xyz_rad", 3)
     translation_mm = taper.numbers("translation_mm", 3)
     pose = RigidTransform.from_euler_xyz_rad(alpha, beta, gamma, translation_mm)
@@ -158,6 +165,7 @@ def _lens(root: YamlSection, camera: YamlSection) -> Lens:
     if model == "brown_photogrammetric":
         offset = values.numbers("principal_point_offset_px", 2)
         coefficients = ("k1_px2", "k2_px4", "p1_px", "p2_px")
+        values.warn_unknown("focal_length_mm", "principal_point_offset_px", *coefficients)
         return BrownPhotogrammetric(
             **size,
             pixel_size_mm=camera.number("pixel_size_mm", above=0.0),
@@ -167,6 +175,7 @@ def _lens(root: YamlSection, camera: YamlSection) -> Lens:
             **{name: values.number(name) for name in coefficients},  # type: ignore[arg-type]
         )
     if model == "plumb_bob":
+        values.warn_unknown(*_INTRINSICS[PlumbBob])
         named = {name: values.number(name) for name in _INTRINSICS[PlumbBob][:-1]}
         k3 = values.number("k3") if "k3" in values else 0.0
         return PlumbBob(**size, **named, k3=k3)  # type: ignore[arg-type]

@@ -14,6 +14,11 @@ from omm_core.files.yaml_input import YamlSection, read_yaml
 Array = NDArray[np.float64]
 
 
+_KEYS = (
+    "points", "cad", "target_thickness_mm", "criterion", "minimum_overstock_mm", "groups", "pairs"
+)  # fmt: skip
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FaceGroup:
     """Faces (numbers from 1, as ``--faces`` lists them) with an allowance of their own."""
@@ -46,6 +51,7 @@ def load_fit_file(path: Path) -> FitFile:
     """
     path = path / "fit.yaml" if path.is_dir() else path
     root = read_yaml(path, "fit file")
+    root.warn_unknown(*_KEYS)
     criterion = root.text("criterion") if "criterion" in root else "even"
     if criterion not in ("even", "least_squares"):
         raise InputError(f"{path}: expected criterion even or least_squares, got '{criterion}'.")

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import Enum
 from pathlib import Path
 from typing import Any
 
-import yaml
-
+from omm_cnc_bridge.control import Mode, ProgramState
 from omm_core.errors import InputError
+from omm_core.files.yaml_input import YamlSection, read_yaml
 
 TWICE = ("PosDirect", "PosIndirect")
 """Positions that OPC 40502 has of one axis; each is an item of its own until one is chosen."""
@@ -62,30 +63,54 @@ def load_mapping(path: Path) -> Mapping40502:
     InputError
         Where the file is not there or says something unknown.
     """
-    try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f"Expected a mapping at {path}: {error}") from error
+    root = read_yaml(path, "mapping")
     known = {"axes", "channel", "modes", "program_states", "acknowledge"}
-    if not isinstance(document, dict) or not document.get("axes") or set(document) - known:
+    if not root.values.get("axes") or set(root.values) - known:
         raise InputError(f"{path}: expected axes and optionally {', '.join(sorted(known))}.")
-    channel = document.get("channel") or {}
-    if set(channel) - set(CHANNEL_ITEMS):
-        raise InputError(f"{path}: channel: expected some of {', '.join(CHANNEL_ITEMS)}.")
-    axes = {str(n): _axis(a, f"{path}: axis {n}") for n, a in document["axes"].items()}
-    given = {key: document[key] for key in known - {"axes"} if key in document}
-    return Mapping40502(axes=axes, **given)
+    axes = root.section("axes")
+    given: dict[str, Any] = {}
+    if "channel" in root:
+        given["channel"] = _paths(root.section("channel"), CHANNEL_ITEMS)
+    if "modes" in root:
+        given["modes"] = _words(root.section("modes"), Mode)
+    if "program_states" in root:
+        given["program_states"] = _words(root.section("program_states"), ProgramState)
+    if "acknowledge" in root:
+        given["acknowledge"] = root.text("acknowledge")
+    return Mapping40502(
+        axes={str(name): _axis(axes.section(name)) for name in axes.values}, **given
+    )
 
 
-def _axis(entry: Any, where: str) -> AxisItems:
-    options = {"unit", "in_position"}
-    if not isinstance(entry, dict) or set(entry) - {*AXIS_ITEMS, *options}:
-        raise InputError(f"{where}: expected some of {', '.join((*AXIS_ITEMS, *sorted(options)))}.")
+def _paths(section: YamlSection, items: tuple[str, ...]) -> dict[str, str]:
+    if set(section.values) - set(items):
+        raise InputError(f"{section.where}: expected some of {', '.join(items)}.")
+    return {item: section.text(item) for item in items if item in section}
+
+
+def _words(section: YamlSection, words: type[Enum]) -> dict[int, str]:
+    """Read what each number of the control means: a word of an enumeration."""
+    known = [word.name for word in words]
+    for number, word in section.values.items():
+        if not isinstance(number, int) or word not in known:
+            raise InputError(
+                f"{section.where}: expected a number and a word out of {', '.join(known)},"
+                f" got {str(number)[:80]}: {str(word)[:80]}."
+            )
+    return dict(section.values)
+
+
+def _axis(entry: YamlSection) -> AxisItems:
+    options = ("unit", "in_position")
+    if set(entry.values) - {*AXIS_ITEMS, *options}:
+        raise InputError(f"{entry.where}: expected some of {', '.join((*AXIS_ITEMS, *options))}.")
     if "position" not in entry:
-        raise InputError(f"{where}: expected the path of its position.")
-    if entry.get("unit") not in (None, *UNITS):
-        raise InputError(f"{where}: expected a unit of {', '.join(UNITS)}, got {entry['unit']}.")
-    paths = {item: entry[item] for item in AXIS_ITEMS if item in entry}
+        raise InputError(f"{entry.where}: expected the path of its position.")
+    unit = entry.text("unit") if "unit" in entry else None
+    if unit not in (None, *UNITS):
+        raise InputError(f"{entry.where}: expected a unit of {', '.join(UNITS)}, got {unit}.")
     return AxisItems(
-        paths=paths, unit=entry.get("unit"), in_position=int(entry.get("in_position", 0))
+        paths={item: entry.text(item) for item in AXIS_ITEMS if item in entry},
+        unit=unit,
+        in_position=entry.integer("in_position") if "in_position" in entry else 0,
     )
