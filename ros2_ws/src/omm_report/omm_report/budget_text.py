@@ -1,0 +1,86 @@
+"""A budget as people read it in a terminal: µm, one table a thing."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omm_core.budget.budget import GROUPS, Budget
+from omm_core.budget.evaluation import root_sum_squares
+
+Array = NDArray[np.float64]
+
+
+def budget_lines(budget: Budget) -> list[str]:
+    """Return the tables of a budget: U at each point, the worst point's contributors, verdicts."""
+    return [
+        *_point_lines(budget),
+        "",
+        *_worst_lines(budget),
+        "",
+        *verdict_lines(budget),
+        *(f"note: {words}." for words in budget.findings),
+    ]
+
+
+def verdict_lines(budget: Budget) -> list[str]:
+    """Return what U means for the tolerance, and whether Monte Carlo agrees."""
+    lines = []
+    judged = budget.capability()
+    if judged is not None:
+        ratios = ", ".join(f"{axis} {v:.1%}" for axis, v in zip("XYZ", judged.u_over_t))
+        lines += [
+            f"T = {judged.tolerance_mm:g} mm: U/T {ratios}: {judged.verdict}"
+            " (Berndt: at most 20 %)",
+            "ISO 14253-1: proven to conform within "
+            + ", ".join(
+                f"{axis} ±{v:.3f} mm" if v >= 0.0 else f"{axis} nothing"
+                for axis, v in zip("XYZ", judged.accept_within_mm)
+            ),
+        ]
+    agrees = budget.sampled.agrees.all()
+    off = np.abs(budget.sampled.half_width_mm / np.where(_twice(budget) > 0, _twice(budget), 1) - 1)
+    lines.append(
+        f"Monte Carlo ({budget.sampled.trials} trials) "
+        + ("agrees with the GUM" if agrees else "does not agree with the GUM")
+        + f" within half of u's second digit (JCGM 101, 8); U differs by up to {off.max():.1%}"
+        + ("" if agrees else ": use Monte Carlo's U")
+    )
+    return lines
+
+
+def _twice(budget: Budget) -> Array:
+    return 2.0 * budget.combined.standard_uncertainty_mm
+
+
+def _point_lines(budget: Budget) -> list[str]:
+    width = max(12, *(len(point.name) for point in budget.points))
+    lines = [
+        f"{'µm':<{width}}  {'U_OMM':^26}  {'U_total':^26}  {'U Monte Carlo':^26}",
+        f"{'':<{width}}  " + "  ".join("".join(f"{a:>8} " for a in "XYZ")[:-1] for _ in range(3)),
+    ]
+    for index, point in enumerate(budget.points):
+        columns = (budget.expanded_omm_mm, budget.expanded_mm, budget.sampled.half_width_mm)
+        cells = "  ".join(" ".join(f"{1e3 * v:8.1f}" for v in c[index]) for c in columns)
+        mark = "  worst" if index == budget.worst[0] else ""
+        lines.append(f"{point.name:<{width}}  {cells}{mark}")
+    return lines
+
+
+def _worst_lines(budget: Budget) -> list[str]:
+    point, axis = budget.worst
+    lines = [
+        f"{budget.points[point].name}, standard uncertainties in µm, share of the variance along"
+        f" {'XYZ'[axis]}"
+    ]
+    for name, share in budget.shares().items():
+        if name in GROUPS:
+            value = root_sum_squares(budget.contributions, name)[point]
+        else:
+            one = next(c for c in budget.contributions if c.name == name)
+            value = np.abs(one.millimetres[point])
+        cells = " ".join(f"{1e3 * v:8.2f}" for v in value)
+        lines.append(f"  {name:<20} {cells} {share:8.1%}")
+    u = " ".join(f"{1e3 * v:8.2f}" for v in budget.combined.standard_uncertainty_mm[point])
+    lines.append(f"  {'u, all together':<20} {u}")
+    return lines

@@ -1,0 +1,229 @@
+"""A budget.yaml with the runs, the survey and the machine that it names, evaluated."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omm_core.budget.budget import Budget, Coverage, evaluate
+from omm_core.budget.budget_file import BudgetFile, NamedPoint, load_budget_file
+from omm_core.budget.evaluation import Contribution, standard
+from omm_core.budget.machine import geometry_left_mm
+from omm_core.budget.sources import (
+    box_points,
+    constant,
+    expansion,
+    from_covariances,
+    length_error,
+    of_contributor,
+    pose_covariances,
+    survey_covariances,
+)
+from omm_core.errors import InputError, MeasurementError
+from omm_core.files.machine import MachineUncertainty, load_machine
+from omm_core.files.part import Part, load_part
+from omm_core.files.points import load_points
+from omm_core.geometry import RigidTransform
+from omm_runs.solving import SolvedRun, SolveRunOptions, solve_run
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BudgetSources:
+    """What a budget is evaluated from: everything read and solved, once for all points.
+
+    Attributes
+    ----------
+    machine_T_part : RigidTransform
+        Of the run; without one the part's nominal place, else the machine's axes.
+    """
+
+    file: BudgetFile
+    part: Part
+    run: SolvedRun | None
+    machine: MachineUncertainty | None
+    machine_T_part: RigidTransform
+    findings: tuple[str, ...]
+
+
+def load_sources(path: Path) -> BudgetSources:
+    """Read budget.yaml and what it names.
+
+    Raises
+    ------
+    InputError
+        Where a file cannot be used.
+    MeasurementError
+        Where the run has no result.
+    """
+    file = load_budget_file(path)
+    part = load_part(file.part)
+    run = _solved(file) if file.u_ip is not None and file.u_ip.run is not None else None
+    findings = [
+        f"{name} is not given and counts as 0"
+        for name in ("u_ip", "u_it", "u_out")
+        if getattr(file, name) is None
+    ]
+    if run is not None:
+        alpha, beta, gamma, *shift = run.result.solution.theta[:6].tolist()
+        placed = RigidTransform.from_euler_xyz_rad(alpha, beta, gamma, shift)
+        findings += [f"run: {words}" for words in run.result.findings]
+    else:
+        placed = _nominal(part)
+    machine = None
+    if file.machine is not None:
+        machine = load_machine(file.machine).uncertainty
+        if machine.stop_sigma_mm is None and machine.geometry_sigma_mm is None:
+            findings.append("the machine file declares no uncertainty: u_machine counts as 0")
+    return BudgetSources(
+        file=file,
+        part=part,
+        run=run,
+        machine=machine,
+        machine_T_part=placed,
+        findings=tuple(findings),
+    )
+
+
+def budget_of(path: Path) -> Budget:
+    """Evaluate a budget.yaml at its points."""
+    sources = load_sources(path)
+    return budget_at(sources, sources.file.points or box_points(sources.part))
+
+
+def budget_at(sources: BudgetSources, points: Sequence[NamedPoint]) -> Budget:
+    """Evaluate a budget at points of the part."""
+    file = sources.file
+    contributions, findings = contributions_at(sources, points)
+    return evaluate(
+        points,
+        contributions,
+        correlation={
+            (one.name, other): r
+            for one in file.contributors
+            for other, r in one.correlation.items()
+        },
+        coverage=Coverage(factor=file.coverage_factor, probability=file.coverage_probability),
+        tolerance_mm=file.tolerance_mm,
+        findings=(*sources.findings, *findings),
+    )
+
+
+def contributions_at(
+    sources: BudgetSources, points: Sequence[NamedPoint]
+) -> tuple[list[Contribution], tuple[str, ...]]:
+    """Return all contributions at points of the part, and what is to be said of them."""
+    file = sources.file
+    xyz = np.array([point.xyz_mm for point in points])
+    rotation = sources.machine_T_part.rotation
+    places = xyz @ rotation.T
+    found: list[Contribution] = []
+    findings: list[str] = []
+    if file.u_ip is not None:
+        found += _in_part(sources, xyz, places)
+    if file.u_it is not None:
+        found += expansion(file.u_it, places)
+    if file.u_out is not None:
+        if file.u_out.points is not None:
+            in_part, told = survey_covariances(points, sources.part, load_points(file.u_out.points))
+            findings += told
+            turned = rotation @ in_part @ rotation.T
+            found.append(from_covariances("u_out", "u_out", turned, np.inf))
+        elif file.u_out.sigma_mm is not None:
+            found.append(constant("u_out", "u_out", file.u_out.sigma_mm, places, "normal"))
+        else:
+            found.append(length_error(file.u_out.constant_mm, file.u_out.per_metre_mm, places))
+    if sources.machine is not None:
+        added, words = _of_machine(sources, xyz)
+        found.append(added)
+        findings += words
+    found += [of_contributor(one, places) for one in file.contributors]
+    return found, tuple(findings)
+
+
+def _in_part(sources: BudgetSources, xyz: Array, places: Array) -> list[Contribution]:
+    given = sources.file.u_ip
+    assert given is not None  # only called then
+    if given.campaign is not None:
+        raise InputError("u_ip from a campaign is not there yet: name a run.")
+    if sources.run is not None:
+        solution = sources.run.result.solution
+        covariances = pose_covariances(solution.theta.tolist(), solution.covariance, xyz)
+        return [from_covariances("u_ip", "u_ip", covariances, np.inf)]
+    assert given.sigma_mm is not None  # the reader requires one of the three
+    return [constant("u_ip", "u_ip", given.sigma_mm, places, "normal")]
+
+
+def _of_machine(sources: BudgetSources, xyz: Array) -> tuple[Contribution, list[str]]:
+    """Return u_machine: one more stop, and the geometry beyond what the pose took in."""
+    machine, findings = sources.machine, []
+    assert machine is not None  # only called then
+    stop = np.full(xyz.shape, machine.stop_sigma_mm or 0.0)
+    geometry = np.full(xyz.shape, machine.geometry_sigma_mm or 0.0)
+    if np.any(geometry > 0.0) and sources.run is not None and machine.geometry_length_mm:
+        stops, seen = _stops(sources.run, sources.machine_T_part)
+        geometry = geometry_left_mm(
+            float(geometry[0, 0]),
+            machine.geometry_length_mm,
+            stops,
+            seen,
+            sources.machine_T_part @ xyz,
+            sources.file.tool_mm,
+        )
+        if not np.any(sources.file.tool_mm):
+            findings.append(
+                "u_machine: tool_mm (spindle to tool's tip, machine axes) is not given and counts"
+                " as 0"
+            )
+    elif np.any(geometry > 0.0):
+        findings.append("u_machine: without a run the geometry counts in full at each point")
+    return (
+        Contribution(
+            name="u_machine",
+            group="u_machine",
+            millimetres=np.hypot(stop, geometry),
+            shape=standard("normal"),
+        ),
+        findings,
+    )
+
+
+def _stops(
+    run: SolvedRun, machine_T_part: RigidTransform
+) -> tuple[Array, list[tuple[Array, list[int]]]]:
+    """Return the stops' places, and for each target seen its place and the stops that saw it."""
+    solution = run.result.solution
+    used = [o for o, use in zip(solution.observations, solution.used) if use]
+    stamps = sorted({o.stamp_ns for o in used})
+    place = {o.stamp_ns: o.machine_T_spindle.translation_mm for o in used}
+    seen = []
+    for target in run.part.targets:
+        stops = [stamps.index(o.stamp_ns) for o in used if o.target_id == target.id]
+        if stops:
+            seen.append((machine_T_part @ target.xyz_mm, stops))
+    return np.array([place[stamp] for stamp in stamps]), seen
+
+
+def _solved(file: BudgetFile) -> SolvedRun:
+    assert file.u_ip is not None  # only called then
+    assert file.u_ip.run is not None
+    solved = solve_run(file.u_ip.run, SolveRunOptions())
+    result = solved.result
+    if not result.determined or not result.solution.converged:
+        reasons = "; ".join([*result.missing, *result.findings])
+        raise MeasurementError(f"{file.u_ip.run} has no result for u_ip: {reasons}.")
+    return solved
+
+
+def _nominal(part: Part) -> RigidTransform:
+    """Return where the part is wanted; what is "anywhere" counts as 0."""
+    if part.nominal is None:
+        return RigidTransform.identity()
+    alpha, beta, gamma = (value or 0.0 for value in part.nominal.euler_xyz_rad)
+    shift = [value or 0.0 for value in part.nominal.translation_mm]
+    return RigidTransform.from_euler_xyz_rad(alpha, beta, gamma, translation_mm=shift)
