@@ -42,6 +42,7 @@ def simulated_cell(
             executable="recorder_node",
             name="recorder",
             parameters={"folder": str(run_folder), **known},
+            ends_first=True,
         ),
         NodeSpec(
             package="omm_estimator",

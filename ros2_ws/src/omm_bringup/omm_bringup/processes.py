@@ -28,6 +28,8 @@ class NodeSpec:
     executable: str
     name: str
     parameters: Mapping[str, Any] = field(default_factory=dict)
+    ends_first: bool = False
+    """Whether it is ended, and waited for, before the others: it asks them for the end."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,12 +106,17 @@ def _end_with_parent() -> None:
 
 
 def _end(nodes: Sequence[RunningNode]) -> None:
-    """End in reverse order, so that what is started first (the recorder) hears all."""
-    for node in reversed(nodes):
+    """End those that ask others for the end (the recorder), then the others, the last first."""
+    _end_together([node for node in nodes if node.spec.ends_first])
+    _end_together([node for node in reversed(nodes) if not node.spec.ends_first])
+
+
+def _end_together(nodes: Sequence[RunningNode]) -> None:
+    for node in nodes:
         if node.process.poll() is None:
             node.process.send_signal(signal.SIGINT)
     deadline = time.monotonic() + _END_S
-    for node in reversed(nodes):
+    for node in nodes:
         try:
             node.process.wait(max(0.1, deadline - time.monotonic()))
         except subprocess.TimeoutExpired:

@@ -20,6 +20,12 @@ class TopicTally:
     or the connection took a while."""
     longest_pause_ns: int = 0
     longest_pause_at_ns: int = 0
+    missing_at_end: int | None = None
+    """After the last one that came, as its publisher told at the end; None where it did not."""
+    announced: int | None = None
+    """How many the publisher said it had published, the last time that it said so."""
+    _before: int = field(default=0, repr=False)
+    _announced_s: float = field(default=-1.0, repr=False)
     _last: int | None = field(default=None, repr=False)
     _last_ns: int | None = field(default=None, repr=False)
 
@@ -44,6 +50,31 @@ class TopicTally:
         self.missing += gap
         return gap
 
+    def announce(self, published: int, now_s: float) -> None:
+        """Take what the publisher says: how many messages it has published."""
+        if self.announced is not None and published < self.announced:
+            # It was started again; a number of its former life says nothing of this one.
+            self._last = self._last if (self._last or 0) <= published else 0
+        elif self.announced is None and self._last is None:
+            self._before = published
+        self.announced, self._announced_s = published, now_s
+
+    def answered(self, since_s: float) -> bool:
+        """Whether the publisher has said its number since then, and all up to it has come."""
+        told = self._announced_s >= since_s and self.announced is not None
+        return told and (self.announced or 0) <= self._have()
+
+    def _have(self) -> int:
+        """Return the number up to which all is here, or was published before the first came."""
+        return self._before if self._last is None else self._last
+
+    def end(self, since_s: float) -> None:
+        """Count what is missing at the end, where the publisher told its number since then."""
+        if self.missing is None or self.announced is None or self._announced_s < since_s:
+            return
+        self.missing_at_end = max(0, self.announced - self._have())
+        self.missing += self.missing_at_end
+
     def as_text(self, recorded: int) -> str:
         """For the recording's report."""
         return json.dumps(
@@ -52,6 +83,7 @@ class TopicTally:
                 "recorded": recorded,
                 "lost_by_recorder": self.received - recorded,
                 "missing_from_publisher": self.missing,
+                "missing_at_end": self.missing_at_end,
                 "published_before_first": self.before_first,
                 "longest_pause_s": round(self.longest_pause_ns / 1e9, 6),
                 "longest_pause_at_ns": self.longest_pause_at_ns,

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
@@ -26,9 +27,13 @@ from omm_recording.writing import RUN_NAME, RecordingOptions, RecordingWriter, T
 from omm_ros.diagnostics import ERROR, OK, WARN, Diagnostics, Health
 from omm_ros.node_main import run_node
 from omm_ros.parameters import declare
+from omm_ros.published import NAME as PUBLISHED
+from omm_ros.published import parsed
 
 LOOK_PERIOD_S = 0.5
 CHANGES = "/parameter_events"
+DIAGNOSTICS = "/diagnostics"
+END_PATIENCE_S = 2.5
 FILES = {"part_file": "part.yaml", "calibration_file": "camera.yaml"}
 
 
@@ -48,6 +53,7 @@ class RecorderNode(Node):
         self._attached: dict[str, bytes] = {}
         self._heard: dict[str, tuple[TopicQos, Subscription]] = {}
         self._unknown: set[str] = set()
+        self._tellers: set[str] = set()
         files = self._files_to_attach()
         self.recorder = self._started()
         try:
@@ -70,10 +76,37 @@ class RecorderNode(Node):
     def destroy_node(self) -> None:
         """End the recording, then the node."""
         try:
-            self._drain()
+            unknown = self._ask_for_ends()
         finally:
             self._end()
+        if unknown:
+            print(
+                f"recorder: not known whether the last messages came: {', '.join(unknown)} "
+                "(the publisher had ended, or is none of omm's)",
+                file=sys.stderr,
+            )
         super().destroy_node()
+
+    def _ask_for_ends(self) -> list[str]:
+        """Wait until the publishers have told how many messages there were, and those are here.
+
+        They tell it once a second; who has gone or never told is not waited for. Returns the
+        topics of which it is not known.
+        """
+        since_s = time.monotonic()
+        self._drain()
+        while time.monotonic() < since_s + END_PATIENCE_S and self.recorder.state().recording:
+            if not any(self._may_answer(name) for name in self.recorder.waiting_for(since_s)):
+                break
+            time.sleep(0.02)
+            self._drain()
+        return self.recorder.count_ends(since_s)
+
+    def _may_answer(self, topic: str) -> bool:
+        """Whether a publisher of a topic is there that has ever told its number."""
+        subscription = self._heard[topic][1]
+        with subscription.handle:
+            return topic in self._tellers and subscription.handle.get_publisher_count() > 0
 
     def _end(self) -> None:
         # Not through the log: it is published, and the context may be shut down already.
@@ -161,8 +194,18 @@ class RecorderNode(Node):
             received_ns,
             info["source_timestamp"] or received_ns,
         )
+        if topic == DIAGNOSTICS:
+            self._take_counts(deserialize_message(data, DiagnosticArray))
         if topic == CHANGES:
             self._take_changes(deserialize_message(data, ParameterEvent))
+
+    def _take_counts(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if not status.name.endswith(f": {PUBLISHED}"):
+                continue
+            for topic, count in parsed({v.key: v.value for v in status.values}).items():
+                self._tellers.add(topic)
+                self.recorder.announce(topic, count)
 
     def _look(self) -> None:
         """See what is new: topics to record, publishers to adapt to, nodes to ask."""

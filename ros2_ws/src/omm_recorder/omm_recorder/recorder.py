@@ -127,6 +127,33 @@ class Recorder:
         self._tell_loss(f"a message on {topic} is lost: {reason}")
         return False
 
+    def announce(self, topic: str, published: int) -> None:
+        """Take how many messages the publisher of a topic says it has published."""
+        if topic in self._tallies:
+            self._tallies[topic].announce(published, time.monotonic())
+
+    def waiting_for(self, since_s: float) -> list[str]:
+        """Topics of which it is not known whether the last messages have come (monotonic, s)."""
+        return [
+            name
+            for name, tally in self._tallies.items()
+            if tally.missing is not None
+            and (tally.received or tally.announced)
+            and not tally.answered(since_s)
+        ]
+
+    def count_ends(self, since_s: float) -> list[str]:
+        """Count what is missing at the end of topics; return those of which it is not known."""
+        for name, tally in self._tallies.items():
+            tally.end(since_s)
+            if tally.missing_at_end:
+                self._tell_loss(f"the last {tally.missing_at_end} messages on {name} never arrived")
+        return [
+            name
+            for name, tally in self._tallies.items()
+            if tally.missing is not None and tally.received and tally.missing_at_end is None
+        ]
+
     def state(self) -> State:
         """How it is going."""
         tallies = list(self._tallies.values())

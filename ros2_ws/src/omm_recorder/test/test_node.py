@@ -17,6 +17,8 @@ pytest.importorskip("rclpy", reason="needs ROS 2")
 
 import rclpy
 import rclpy.duration
+import rclpy.executors
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -31,6 +33,7 @@ from omm_recording.rosbag2_format import TopicQos
 from omm_recording.run_files import UNFINISHED
 from omm_recording.verifying import verify
 from omm_ros import transport
+from omm_ros.diagnostics import Diagnostics
 from omm_runs.recorded_estimator import options_from
 from omm_runs.solving import solve_run
 
@@ -158,6 +161,53 @@ def test_records_every_byte_and_ends_cleanly(
     assert verify(tmp_path / "run" / "run.mcap").intact
     tally = {t.name: t.tally for t in inspect(tmp_path / "run").topics}
     assert tally[POSES]["missing_from_publisher"] == tally[POSES]["lost_by_recorder"] == 0
+
+
+@pytest.mark.parametrize(("told", "words"), [(107, "7 LOST"), (100, "none lost"), (None, "known")])
+def test_what_is_missing_at_the_end_is_asked_for_and_told(
+    node: Any, start: Any, tmp_path: Path, messages: Any, told: int | None, words: str
+) -> None:
+    recorder = start("node", folder=tmp_path / "run")
+    poses = publisher(node, POSES, "geometry_msgs/msg/PoseStamped")
+    health = publisher(node, "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
+    for k in range(100):
+        poses.publish(messages.pose(k + 1, 0.001 * k))
+    assert poses.wait_for_all_acked(rclpy.duration.Duration(seconds=30))
+    counts = [] if told is None else [KeyValue(key=POSES, value=str(told))]
+    status = DiagnosticStatus(name="cnc_bridge: published", values=counts)
+    health.publish(DiagnosticArray(status=[status]))
+    assert health.wait_for_all_acked(rclpy.duration.Duration(seconds=30))
+    recorder.send_signal(signal.SIGINT)
+    while recorder.poll() is None:  # a publisher that goes on telling
+        health.publish(DiagnosticArray(status=[status]))
+        time.sleep(0.05)
+    _, errors = recorder.communicate(timeout=60)
+    assert words in errors
+    assert (POSES in errors.partition("not known")[2]) == (told is None)
+    tally = {t.name: t.tally for t in inspect(tmp_path / "run").topics}[POSES]
+    assert tally["missing_at_end"] == (None if told is None else told - 100)
+    assert tally["missing_from_publisher"] == (told or 100) - 100
+
+
+def test_the_nodes_of_omm_tell_how_many_messages_they_published(node: Any) -> None:
+    poses = node.create_publisher(message_class("geometry_msgs/msg/PoseStamped"), "/some/poses", 10)
+    diagnostics = Diagnostics(node)
+    told: list[DiagnosticArray] = []
+    node.create_subscription(DiagnosticArray, "/diagnostics", told.append, 10)
+    wait_for(lambda: node.count_publishers("/diagnostics"), "its own publisher")
+    for _ in range(3):
+        poses.publish(message_class("geometry_msgs/msg/PoseStamped")())
+    executor = rclpy.executors.SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+
+    def spun() -> bool:
+        diagnostics.publish()
+        executor.spin_once(timeout_sec=0.1)
+        return bool(told)
+
+    wait_for(spun, "its diagnostics")
+    (status,) = (s for s in told[-1].status if s.name.endswith(": published"))
+    assert {v.key: v.value for v in status.values}["/some/poses"] == "3"
 
 
 @pytest.mark.parametrize(

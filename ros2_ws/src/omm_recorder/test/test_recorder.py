@@ -1,5 +1,6 @@
 """The recorder's bookkeeping: what is lost is counted and told, what is not is recorded."""
 
+import json
 import threading
 import time
 from collections.abc import Callable
@@ -124,3 +125,44 @@ def test_too_little_space_left_ends_the_recording_soundly(
     summary = inspect(recorder.stop())
     assert summary.ended_because == "the disk is full"
     assert summary.topics[0].messages == 1
+
+
+def test_what_is_missing_at_the_end_is_counted_by_the_publishers_last_number() -> None:
+    tally = TopicTally()
+    for number in range(1, 101):
+        tally.see(number, number)
+    tally.announce(100, 1.0)
+    assert tally.answered(0.5)
+    assert not tally.answered(1.5)
+    tally.announce(1300, 2.0)
+    assert not tally.answered(1.5)
+    tally.end(1.5)
+    assert (tally.missing_at_end, tally.missing) == (1200, 1200)
+
+
+def test_an_end_that_nobody_told_is_unknown_not_complete() -> None:
+    tally = TopicTally()
+    tally.see(1, 1)
+    tally.announce(1, 1.0)
+    tally.end(2.0)
+    assert tally.missing_at_end is None
+    assert json.loads(tally.as_text(1))["missing_at_end"] is None
+
+
+def test_a_publisher_that_was_started_again_is_counted_by_its_new_numbers() -> None:
+    tally = TopicTally()
+    for number in range(1, 51):
+        tally.see(number, number)
+    tally.announce(50, 1.0)
+    tally.announce(7, 2.0)  # a new life, of which nothing came
+    tally.end(1.5)
+    assert tally.missing_at_end == 7
+
+
+def test_what_was_published_before_the_recorder_came_is_not_missing() -> None:
+    tally = TopicTally()
+    tally.announce(40, 1.0)
+    assert tally.answered(0.0)
+    tally.announce(42, 2.0)
+    tally.end(1.5)
+    assert tally.missing_at_end == 2

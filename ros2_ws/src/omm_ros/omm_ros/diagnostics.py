@@ -6,6 +6,9 @@ from dataclasses import dataclass, field
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
+from omm_ros.published import NAME as PUBLISHED
+from omm_ros.published import count_publications, published
+
 OK = DiagnosticStatus.OK
 WARN = DiagnosticStatus.WARN
 ERROR = DiagnosticStatus.ERROR
@@ -32,6 +35,7 @@ class Diagnostics:
 
     def __init__(self, node: Node, hardware_id: str = "", period_s: float = 1.0) -> None:
         self.hardware_id = hardware_id
+        count_publications()
         self._node = node
         self._tasks: dict[str, Callable[[], Health]] = {}
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
@@ -56,4 +60,15 @@ class Diagnostics:
                     values=[KeyValue(key=k, value=str(v)) for k, v in health.values.items()],
                 )
             )
+        array.status.append(self._published())
         self._publisher.publish(array)
+
+    def _published(self) -> DiagnosticStatus:
+        counts = published(self._node)
+        return DiagnosticStatus(
+            level=OK,
+            name=f"{self._node.get_name()}: {PUBLISHED}",
+            message="messages published, by topic",
+            hardware_id=self.hardware_id,
+            values=[KeyValue(key=topic, value=str(count)) for topic, count in counts.items()],
+        )

@@ -22,6 +22,7 @@ from omm_ros import node_help, transport
 from omm_ros.environment import check_environment
 from omm_ros.interrupt import Interrupts
 from omm_ros.parameters import check_no_unknown
+from omm_ros.published import count_publications
 
 AUTOSTART = "autostart"
 _AUTOSTART = ParameterDescriptor(
@@ -67,6 +68,7 @@ def run_node(
     except InputError as error:
         return _failed(None, error, 2)
     transport.prepare()
+    count_publications()
     os.nice(niceness)
     # rclpy ends ROS at the first Ctrl-C. Python's own answer would come on top, and out of nowhere:
     # in the middle of taking a message, rclpy makes a RuntimeError of it.

@@ -81,6 +81,11 @@ def _row(*cells: str) -> str:
     return f"{name:<26}" + "".join(f"{cell:>14}" for cell in others)
 
 
+def _end_of(tally: "dict[str, object]") -> str:
+    """Mark where it is not known whether the last messages came; older files do not say."""
+    return "+?" if "missing_at_end" in tally and tally["missing_at_end"] is None else ""
+
+
 def _topic(topic: "TopicSummary", duration_s: float) -> str:
     count = "?" if topic.messages is None else str(topic.messages)
     rate = f"{topic.messages / duration_s:.1f}" if topic.messages and duration_s > 0 else ""
@@ -92,7 +97,7 @@ def _topic(topic: "TopicSummary", duration_s: float) -> str:
         count,
         rate,
         str(tally.get("lost_by_recorder", "")),
-        "?" if missing is None else str(missing),
+        "?" if missing is None else f"{missing}{_end_of(tally)}",
         str(tally.get("published_before_first", "")),
         f"{pause:.3f} s" if pause else "",
     )
