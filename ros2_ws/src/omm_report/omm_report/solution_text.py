@@ -72,13 +72,13 @@ def _images(solved: "SolvedRun") -> list[str]:
 
 
 def _truth(run: Path) -> dict[str, float] | None:
-    """The simulated truth, where it lies beside the run."""
+    """The simulated truth in the machine's own coordinates, where it lies beside the run."""
     path = (run if run.is_dir() else run.parent) / "truth.json"
     if not path.is_file():
         return None
     try:
         content = read_json(path, "truth")
-        theta = content.get("theta", content)
+        theta = content.get("theta_own", content.get("theta", content))
         return {quantity.key: float(theta[quantity.key]) for quantity in THETA}
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{path} does not tell a truth as expected: {error!r}") from error

@@ -63,7 +63,7 @@ class SimulatedCamera:
     def __init__(self, cell: Cell) -> None:
         self._imaging = cell.scenario.imaging
         self._distance_mm = cell.scenario.program.distance_mm
-        self._calibration = cell.scenario.calibration
+        self._calibration = cell.true_calibration
         self._lens = lens_numbers(self._calibration.lens)
         self._shape = (self._calibration.height_px, self._calibration.width_px)
         directions = self._calibration.lens.rays(self._calibration.lens.pixel_grid())[:, :2]
@@ -72,7 +72,7 @@ class SimulatedCamera:
             cell.gamma_s_rad, self._calibration.taper_T_camera
         )
         self._scene = scene_of(cell)
-        self._seed = cell.seed
+        self._seed = cell.clamping_seed
         self._last: tuple[tuple[RigidTransform, ...], Image32] | None = None
 
     def exposure_poses(

@@ -13,10 +13,23 @@ from numpy.typing import NDArray
 from omm_core.errors import InputError
 from omm_core.files.part import Part
 from omm_core.geometry import RigidTransform
+from omm_core.imaging.calibration import CameraCalibration
+from omm_core.machine_errors import own_pose
+from omm_core.part_pose import THETA_NAMES
+from omm_simulation.machine_errors import (
+    DrawnErrors,
+    draw_errors,
+    draw_true_calibration,
+    draw_true_part,
+)
 from omm_simulation.scenario import Scenario
 
 # What is drawn from one seed must not depend on what else is drawn from it.
-_STREAMS = {name: i for i, name in enumerate(("part", "clamping", "stops", "machine", "scene"))}
+_NAMES = (
+    "part", "clamping", "stops", "machine", "scene",
+    "errors", "targets", "calibration", "seat",
+)  # fmt: skip
+_STREAMS = {name: i for i, name in enumerate(_NAMES)}
 
 
 def random_stream(seed: int, name: str) -> np.random.Generator:
@@ -51,10 +64,16 @@ class Cell:
     gamma_s_rad : float
         How far the holder is turned in the spindle.
     true_part : Part
-        Where the targets really are (differs from the part file where one was bumped).
+        Where the targets really are.
+    true_calibration : CameraCalibration
+        The camera as it really is, in the holder as it seats in this clamping.
     bumped_id : int or None
     stops : tuple of Stop
         In the order of the program.
+    errors : DrawnErrors
+        Of the machine.
+    clamping_seed : int
+        What is anew with each clamping is drawn from it: stops, images.
     """
 
     scenario: Scenario
@@ -62,24 +81,58 @@ class Cell:
     machine_T_part: RigidTransform
     gamma_s_rad: float
     true_part: Part
+    true_calibration: CameraCalibration
     bumped_id: int | None
     stops: tuple[Stop, ...]
+    errors: DrawnErrors
+    clamping_seed: int
 
     def theta(self) -> dict[str, float]:
-        """The true parameters, in the form of `solve --json` and in the order of θ."""
-        alpha, beta, gamma = self.machine_T_part.euler_xyz_rad()
-        x, y, z = self.machine_T_part.translation_mm
-        names = ("alpha_rad", "beta_rad", "gamma_rad", "x_mm", "y_mm", "z_mm", "gamma_s_rad")
-        values = (alpha, beta, gamma, x, y, z, self.gamma_s_rad)
-        return {name: float(value) for name, value in zip(names, values)}
+        """The true absolute pose, in the form of `solve --json` and in the order of θ."""
+        return self._theta(self.machine_T_part)
+
+    def theta_own(self) -> dict[str, float]:
+        """The true pose in the machine's own coordinates, in the same form."""
+        if self.errors.geometry is None:
+            return self.theta()
+        ids = [target.id for target in self.scenario.part.targets]
+        own = own_pose(
+            self.machine_T_part,
+            [target.xyz_mm for target in self.scenario.part.targets],
+            [ids.index(stop.target_id) for stop in self.stops],
+            self.geometry_at_stops_mm(),
+        )
+        return self._theta(own)
+
+    def geometry_at_stops_mm(self) -> NDArray[np.float64]:
+        """What the machine's geometry is off at the programmed stops, (S, 3)."""
+        return self.errors.geometry_mm(
+            np.array([stop.spindle_in_machine_mm for stop in self.stops])
+        )
+
+    def _theta(self, machine_T_part: RigidTransform) -> dict[str, float]:
+        values = (
+            *machine_T_part.euler_xyz_rad(), *machine_T_part.translation_mm, self.gamma_s_rad
+        )  # fmt: skip
+        return {name: float(value) for name, value in zip(THETA_NAMES, values)}
 
     def truth(self) -> dict[str, Any]:
-        """What truth.json says."""
+        """What truth.json says: the poses, and everything that is not as it seems."""
+        told, true = self.scenario.calibration, self.true_calibration
+        names = told.parameter_names()
         return {
             "scenario": self.scenario.name,
             "seed": self.seed,
             "theta": self.theta(),
+            "theta_own": self.theta_own(),
             "bumped_id": self.bumped_id,
+            "machine": {
+                **dataclasses.asdict(self.scenario.errors),
+                "geometry_at_stops_mm": self.geometry_at_stops_mm().tolist(),
+            },
+            "part_warmth_K": self.errors.part_warmth_K,
+            "targets": [{"id": t.id, "xyz_mm": t.xyz_mm.tolist()} for t in self.true_part.targets],
+            "calibration": dict(zip(names, true.parameter_values(names).tolist())),
         }
 
 
@@ -99,7 +152,8 @@ def draw(
     seed : int
         Equal seeds make equal cells.
     clamping_seed : int, optional
-        Draws the clamping angle alone: the same cell, the camera clamped anew (repeatability).
+        Draws what is anew with each clamping: the same machine and part, the camera clamped anew
+        and everything measured once more (repeatability).
     bumped_id : int, optional
         A target that is not where the part file says.
     bump_mm : tuple
@@ -115,15 +169,28 @@ def draw(
         )
     )
     alpha, beta, gamma = angles
-    clamping = random_stream(seed if clamping_seed is None else clamping_seed, "clamping")
+    clamping_seed = seed if clamping_seed is None else clamping_seed
+    clamping = random_stream(clamping_seed, "clamping")
+    errors = draw_errors(scenario.errors, random_stream(seed, "errors"))
+    true_part = draw_true_part(
+        scenario.part, scenario.errors, errors, random_stream(seed, "targets")
+    )
     return Cell(
         scenario=scenario,
         seed=seed,
         machine_T_part=RigidTransform.from_euler_xyz_rad(alpha, beta, gamma, translation),
         gamma_s_rad=float(clamping.uniform(-0.5, 0.5) * scenario.backlash_rad),
-        true_part=_bumped(scenario.part, bumped_id, bump_mm),
+        true_part=_bumped(true_part, bumped_id, bump_mm),
+        true_calibration=draw_true_calibration(
+            scenario.calibration,
+            scenario.errors,
+            random_stream(seed, "calibration"),
+            random_stream(clamping_seed, "seat"),
+        ),
         bumped_id=bumped_id,
         stops=_stops(scenario, seed),
+        errors=errors,
+        clamping_seed=clamping_seed,
     )
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.geometry import RigidTransform
+from omm_core.machine_errors import draw_stop_noise, lost_motion, spindle_drift
 from omm_simulation.cell import Cell, random_stream
 from omm_simulation.motion import Follower, Profile, rest_to_rest
 from omm_simulation.program import AskForImage, Dwell, MoveTo, Step, measuring_program
@@ -131,7 +132,9 @@ class SimulatedControl:
         self._machine_R_spindle = RigidTransform.from_euler_xyz_rad(
             *machine.spindle_euler_xyz_rad
         ).rotation
-        self._rng = random_stream(cell.seed, "machine")
+        self._errors, self._declared = cell.errors, cell.scenario.errors
+        self._rng = random_stream(cell.clamping_seed, "machine")
+        self._signs = np.zeros(3)
         self._start_ns = start_ns
         self._timeout_ns = round(cell.scenario.program.acknowledge_timeout_s * 1e9)
         self._begun: list[_Begun] = []
@@ -239,11 +242,12 @@ class SimulatedControl:
         change_mm = step.position_mm - start_mm
         if not np.any(change_mm):
             return start_ns
-        start_error_mm = self._error(start_ns)
-        error_mm = self._rng.normal(0.0, 1.0, 3) * self._machine.position_sigma_mm
+        start_error_mm = self._error_of_stop(start_ns)
+        profile = self._profile(change_mm)
+        error_mm = self._next_error_of_stop(change_mm, start_ns + round(profile.duration_s * 1e9))
         move = _Move(
             start_ns=start_ns,
-            profile=self._profile(change_mm),
+            profile=profile,
             start_mm=start_mm,
             change_mm=change_mm,
             start_error_mm=start_error_mm,
@@ -282,7 +286,24 @@ class SimulatedControl:
         return np.array(self._machine.home_mm) + moved_mm
 
     def _error(self, time_ns: int) -> Floats:
-        """Where the spindle is off what the scales see; changes from stop to stop."""
+        """Where the spindle is off what the scales see."""
+        geometry = self._errors.geometry_mm(self._commanded(time_ns))
+        return np.asarray(geometry + self._error_of_stop(time_ns))
+
+    def _next_error_of_stop(self, change_mm: Floats, arrival_ns: int) -> Floats:
+        """What a stop is off besides the geometry: at random, by its side, by warmth."""
+        declared = self._declared
+        self._signs = np.where(change_mm == 0.0, self._signs, np.sign(change_mm))
+        noise = draw_stop_noise(self._rng, 1, declared.stop_sigma_mm)[0]
+        drift = spindle_drift(
+            (arrival_ns - self._start_ns) * 1e-9,
+            declared.spindle_drift_mm,
+            declared.spindle_drift_s,
+        )
+        return np.asarray(noise + lost_motion(self._signs, declared.lost_motion_mm) + drift)
+
+    def _error_of_stop(self, time_ns: int) -> Floats:
+        """The same at any time: it changes from stop to stop."""
         move = self._last_move(time_ns)
         if move is None:
             return np.zeros(3)

@@ -9,7 +9,7 @@ names: these two, and nothing else of it, are what the estimator gets.
 import dataclasses
 import typing
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -17,6 +17,7 @@ from omm_core.errors import InputError
 from omm_core.files.part import Part, load_part
 from omm_core.files.yaml_input import YamlSection, read_yaml
 from omm_core.imaging.calibration import CameraCalibration, load_calibration
+from omm_simulation.machine_errors import MachineErrors
 
 Vector = tuple[float, float, float]
 _T = TypeVar("_T")
@@ -61,8 +62,6 @@ class Machine:
         The spindle swings behind what the axes' scales see; 0 Hz means it does not.
     position_resolution_mm : float
         Step of the axis positions that the control reports; 0 means none.
-    position_sigma_mm : float
-        Standard deviation, per axis and stop, of the true position about the reported one.
     """
 
     axes: Mapping[str, Axis]
@@ -72,7 +71,6 @@ class Machine:
     structure_frequency_hz: float = 25.0
     structure_damping: float = 0.1
     position_resolution_mm: float = 0.0001
-    position_sigma_mm: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,6 +165,8 @@ class Scenario:
         The same, read.
     backlash_rad : float
         The holder's play: the clamping angle is uniform over ± half of it.
+    errors : MachineErrors
+        What is not as the files and the control say; none where the scenario has no such section.
     """
 
     name: str
@@ -180,6 +180,7 @@ class Scenario:
     machine: Machine
     program: MeasuringProgram
     imaging: Imaging
+    errors: MachineErrors = field(default_factory=MachineErrors)
 
 
 def scenario_folder() -> Path:
@@ -215,7 +216,11 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
     root.warn_unknown(*_KEYS, *_SECTIONS)
     part_file = path.parent / root.text("part_file")
     calibration_file = path.parent / root.text("calibration_file")
-    sections = {name: _read(cls, root.section(name)) for name, cls in _SECTIONS.items()}
+    sections = {
+        name: _read(cls, root.section(name))
+        for name, cls in _SECTIONS.items()
+        if name != "errors" or name in root
+    }
     return Scenario(
         name=root.text("name"),
         description=root.text("description"),
@@ -234,6 +239,7 @@ _SECTIONS: dict[str, Any] = {
     "machine": Machine,
     "program": MeasuringProgram,
     "imaging": Imaging,
+    "errors": MachineErrors,
 }
 
 
@@ -269,6 +275,8 @@ def _read(cls: type[_T], section: YamlSection) -> _T:
 def _value(hint: Any, section: YamlSection, name: str) -> Any:
     if hint is float:
         return section.number(name)
+    if hint is bool:
+        return _truth_value(section, name)
     if hint is int:
         return section.integer(name)
     if typing.get_origin(hint) is tuple:
@@ -276,3 +284,10 @@ def _value(hint: Any, section: YamlSection, name: str) -> Any:
         return tuple(float(number) for number in section.numbers(name, count))
     axes = section.section(name)
     return {axis: _read(Axis, axes.section(axis)) for axis in ("X", "Y", "Z")}
+
+
+def _truth_value(section: YamlSection, name: str) -> bool:
+    value = section.get(name)
+    if not isinstance(value, bool):
+        raise InputError(f"{section.where}: expected '{name}' true or false, got {value!r}.")
+    return value

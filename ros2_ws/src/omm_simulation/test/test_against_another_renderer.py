@@ -45,7 +45,7 @@ def bench():
     truth = json.loads((BENCH / "truth.json").read_text())
     theta = truth["theta"]
     scenario = dataclasses.replace(
-        load_scenario("bench"), calibration=load_calibration(BENCH / "camera.yaml")
+        load_scenario("ideal"), calibration=load_calibration(BENCH / "camera.yaml")
     )
     cell = dataclasses.replace(
         draw(scenario, 7),
@@ -55,6 +55,7 @@ def bench():
         ),
         gamma_s_rad=theta["gamma_s_rad"],
         true_part=load_part(BENCH / "part.yaml"),
+        true_calibration=scenario.calibration,
     )  # fmt: skip
     return cell, truth["images"], recorded()
 

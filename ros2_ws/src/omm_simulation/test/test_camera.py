@@ -26,7 +26,9 @@ def changed(cell, **imaging):
 def with_lens(cell, lens):
     calibration = dataclasses.replace(cell.scenario.calibration, lens=lens)
     return dataclasses.replace(
-        cell, scenario=dataclasses.replace(cell.scenario, calibration=calibration)
+        cell,
+        scenario=dataclasses.replace(cell.scenario, calibration=calibration),
+        true_calibration=calibration,
     )
 
 

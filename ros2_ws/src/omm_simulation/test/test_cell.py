@@ -1,5 +1,6 @@
 """Laws of scenarios and of the cells drawn from them."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -10,13 +11,14 @@ from omm_core.errors import InputError
 from omm_core.files.part import load_part
 from omm_core.imaging.calibration import load_calibration
 from omm_simulation.cell import draw, write_estimator_files, write_truth
+from omm_simulation.machine_errors import MachineErrors
 from omm_simulation.scenario import load_scenario, scenario_folder, scenario_names
 
 THETA = ["alpha_rad", "beta_rad", "gamma_rad", "x_mm", "y_mm", "z_mm", "gamma_s_rad"]
 
 
 def test_the_scenarios_of_the_contract_are_there():
-    assert {"bench", "industrial"} <= set(scenario_names())
+    assert {"bench", "industrial", "ideal"} <= set(scenario_names())
 
 
 @pytest.mark.parametrize("name", scenario_names())
@@ -60,6 +62,66 @@ def test_a_new_clamping_changes_the_clamping_angle_alone():
     scenario = load_scenario("bench")
     theta, again = draw(scenario, 3).theta(), draw(scenario, 3, clamping_seed=8).theta()
     assert [key for key in THETA if theta[key] != again[key]] == ["gamma_s_rad"]
+
+
+def erring(**sizes):
+    return dataclasses.replace(load_scenario("bench"), errors=MachineErrors(**sizes))
+
+
+def test_without_errors_of_the_geometry_own_truth_is_absolute():
+    cell = draw(erring(stop_sigma_mm=0.01, lost_motion_mm=(0.01, 0.01, 0.01)), 3)
+    assert cell.theta_own() == cell.theta()
+
+
+def test_own_truth_is_absolute_but_for_what_the_geometry_does_at_the_targets():
+    cell = draw(erring(geometry_sigma_mm=0.02, geometry_length_mm=1e7), 3)
+    # Errors of endless wavelength shift the whole machine.
+    shift = cell.geometry_at_stops_mm().mean(axis=0)
+    own, absolute = (np.array(list(t.values())) for t in (cell.theta_own(), cell.theta()))
+    np.testing.assert_allclose((own - absolute)[3:6], -shift, atol=1e-4)
+    np.testing.assert_allclose((own - absolute)[:3], 0.0, atol=1e-8)
+    assert own[6] == absolute[6]
+    assert np.linalg.norm(shift) > 0.005
+
+
+def test_a_machine_errs_the_same_in_every_clamping():
+    scenario = erring(geometry_sigma_mm=0.02, part_warmth_K=1.0, holder_sigma_mm=(0.01, 0.01, 0.0))
+    one, other = draw(scenario, 3), draw(scenario, 3, clamping_seed=9)
+    np.testing.assert_array_equal(one.geometry_at_stops_mm(), other.geometry_at_stops_mm())
+    assert one.errors.part_warmth_K == other.errors.part_warmth_K
+    seats = [
+        c.true_calibration.taper_T_camera.translation_mm
+        - scenario.calibration.taper_T_camera.translation_mm
+        for c in (one, other)
+    ]
+    assert np.all(seats[0][:2] != seats[1][:2])
+    np.testing.assert_array_equal([seat[2] for seat in seats], 0.0)
+
+
+def test_a_warm_part_is_larger():
+    cell = draw(erring(part_warmth_K=2.0), 3)
+    told, true = ([t.xyz_mm for t in p.targets] for p in (cell.scenario.part, cell.true_part))
+    grown = 1.0 + cell.errors.part_warmth_K * 11e-6
+    np.testing.assert_allclose(true, np.array(told) * grown, rtol=1e-12)
+    assert 0.0 < abs(cell.errors.part_warmth_K) <= 2.0
+
+
+def test_the_truth_tells_all_that_is_not_as_it_seems():
+    cell = draw(erring(stop_sigma_mm=0.003, geometry_sigma_mm=0.02), 3)
+    truth = json.loads(json.dumps(cell.truth()))
+    assert list(truth["theta_own"]) == THETA
+    assert truth["theta_own"] != truth["theta"]
+    assert truth["machine"]["stop_sigma_mm"] == 0.003
+    assert len(truth["machine"]["geometry_at_stops_mm"]) == len(cell.stops)
+
+
+@pytest.mark.parametrize("sizes", [
+    {"stop_sigma_mm": -1.0}, {"geometry_sigma_mm": 0.1, "geometry_length_mm": 0.0},
+    {"lost_motion_mm": (0.0, -0.1, 0.0)},
+])  # fmt: skip
+def test_errors_that_cannot_be_are_refused(sizes):
+    with pytest.raises(InputError, match="Expected errors >= 0"):
+        MachineErrors(**sizes)
 
 
 def test_clamping_is_uniform_over_the_backlash():
@@ -123,6 +185,8 @@ def test_a_users_own_scenario_is_read(tmp_path):
     ({"program": {"distance_mm": 300.0}}, "stereo_base_mm"),
     ({"placement": {"translation_mm": [1, 2], "translation_range_mm": [0, 0, 0]}}, "3 numbers"),
     ({"part_file": "nowhere.yaml"}, "nowhere.yaml"),
+    ({"errors": {"stops_mm": 0.1}}, "stop_sigma_mm.*got stops_mm"),
+    ({"errors": {"targets_err": 1}}, "'targets_err' true or false"),
 ])  # fmt: skip
 def test_a_malformed_scenario_is_refused_with_what_is_wrong(tmp_path, changes, message):
     with pytest.raises(InputError, match=message):
@@ -130,7 +194,7 @@ def test_a_malformed_scenario_is_refused_with_what_is_wrong(tmp_path, changes, m
 
 
 def test_an_unknown_scenario_is_refused_with_the_known_ones():
-    with pytest.raises(InputError, match=r"bench, industrial.*'shed'"):
+    with pytest.raises(InputError, match=r"bench, ideal, industrial.*'shed'"):
         load_scenario("shed")
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from omm_simulation.cell import draw
 from omm_simulation.control import ProgramState, SimulatedControl
+from omm_simulation.machine_errors import MachineErrors
 from omm_simulation.scenario import load_scenario
 
 MS = 1_000_000
@@ -177,6 +178,19 @@ def with_machine(cell, **changes):
     return dataclasses.replace(cell, scenario=dataclasses.replace(cell.scenario, machine=machine))
 
 
+def erring(cell, **sizes):
+    scenario = dataclasses.replace(cell.scenario, errors=MachineErrors(**sizes))
+    return draw(scenario, cell.seed)
+
+
+def at_images(cell):
+    """Return true minus reported and the programmed positions while images are asked for."""
+    states, true_mm = run_through(SimulatedControl(cell), step_ms=20)
+    off = {s.measure_request: true - s.axis_positions_mm
+           for s, true in zip(states, true_mm) if s.measure_requested}  # fmt: skip
+    return np.array(list(off.values()))
+
+
 def test_positions_are_reported_in_steps_of_the_resolution():
     cell = with_machine(draw(load_scenario("bench"), 7), position_resolution_mm=0.25)
     states, _ = run_through(SimulatedControl(cell), step_ms=20)
@@ -188,13 +202,36 @@ def test_positions_are_true_up_to_the_machines_own_error():
     quiet = draw(load_scenario("bench"), 7)
     errors_mm = []
     for seed in range(8):
-        cell = dataclasses.replace(with_machine(quiet, position_sigma_mm=0.01), seed=seed)
-        states, true_mm = run_through(SimulatedControl(cell), step_ms=20)
-        off = {s.measure_request: true - s.axis_positions_mm
-               for s, true in zip(states, true_mm) if s.measure_requested}  # fmt: skip
-        errors_mm += list(off.values())
+        cell = dataclasses.replace(erring(quiet, stop_sigma_mm=0.01), clamping_seed=seed)
+        errors_mm += list(at_images(cell))
     # 8 × 8 × 3 draws: 4 σ of the spread of a standard deviation.
     assert np.std(errors_mm) == pytest.approx(0.01, rel=4 / (2 * 192) ** 0.5)
+
+
+def test_at_a_stop_the_spindle_is_off_by_the_geometry_there():
+    cell = erring(draw(load_scenario("bench"), 7), geometry_sigma_mm=0.02)
+    off = at_images(cell)
+    np.testing.assert_allclose(off, cell.geometry_at_stops_mm(), rtol=0, atol=2e-4)
+    assert np.std(off) > 0.002
+
+
+def test_each_axis_stays_behind_by_half_its_lost_motion():
+    width = np.array([0.01, 0.02, 0.04])
+    off = at_images(erring(draw(load_scenario("bench"), 7), lost_motion_mm=tuple(width)))
+    np.testing.assert_allclose(np.abs(off), np.tile(width / 2, (8, 1)), rtol=0, atol=2e-4)
+    assert len(np.unique(np.sign(off[:, :2]))) == 2  # they come from either side
+
+
+def test_the_spindle_drifts_as_it_gets_warm_and_stands_still_at_a_stop():
+    cell = erring(draw(load_scenario("bench"), 7), spindle_drift_mm=(0.0, 0.0, 0.05),
+                  spindle_drift_s=20.0)  # fmt: skip
+    off = at_images(cell)[:, 2]
+    assert np.all(np.diff(off) > 0.0)
+    assert off[-1] < 0.0502
+    states, true_mm = run_through(SimulatedControl(cell), step_ms=20)
+    asked = np.array([s.measure_request if s.measure_requested else 0 for s in states])
+    for request in range(1, 9):
+        assert np.ptp(true_mm[asked == request], axis=0).max() < 1e-4
 
 
 def test_the_tool_of_a_horizontal_spindle_points_along_y():

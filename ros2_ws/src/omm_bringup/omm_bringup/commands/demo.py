@@ -72,7 +72,12 @@ def run(args: argparse.Namespace) -> int:
     console.print(f"omm: recording {folder / 'run.mcap'}")
     console.print(f"omm: picture   {picture}")
     if args.json:
-        content = {"result": solved.result.to_json_dict(), "truth": cell.theta(), "seed": seed}
+        content = {
+            "result": solved.result.to_json_dict(),
+            "truth": cell.theta_own(),
+            "truth_absolute": cell.theta(),
+            "seed": seed,
+        }
         write_whole(args.json, json.dumps(content, indent=1) + "\n")
     return 0 if equal else 1
 

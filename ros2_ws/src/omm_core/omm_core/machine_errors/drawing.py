@@ -99,13 +99,10 @@ def draw_stop_noise(random: np.random.Generator, stops: int, sigma_mm: float) ->
 
 def draw_targets(random: np.random.Generator, part: Part) -> Part:
     """Return the part with its targets where they may really be, by what its file declares."""
-    drawn = random.normal(0.0, 1.0, (len(part.targets), 3))
+    drawn = _draw_normal(random, part.target_covariance_mm2()).reshape(-1, 3)
     return replace(
         part,
-        targets=tuple(
-            t if t.sigma_xyz_mm is None else replace(t, xyz_mm=t.xyz_mm + t.sigma_xyz_mm * error)
-            for t, error in zip(part.targets, drawn)
-        ),
+        targets=tuple(replace(t, xyz_mm=t.xyz_mm + error) for t, error in zip(part.targets, drawn)),
     )
 
 
@@ -116,12 +113,18 @@ def draw_calibration(
     names = calibration.parameters
     if not names:
         return calibration
-    sigma = np.sqrt(np.diag(calibration.covariance))
+    error = _draw_normal(random, calibration.covariance)
+    return calibration.with_parameters(names, calibration.parameter_values(names) + error)
+
+
+def _draw_normal(random: np.random.Generator, covariance: Array) -> Array:
+    """Draw from a covariance whose units differ as radians and millimetres do."""
+    sigma = np.sqrt(np.diag(covariance))
     scale = np.where(sigma > 0.0, sigma, 1.0)
-    values, vectors = np.linalg.eigh(calibration.covariance / np.outer(scale, scale))
-    error = vectors @ (np.sqrt(np.maximum(values, 0.0)) * random.normal(size=len(names)))
-    true = calibration.parameter_values(names) + scale * error
-    return calibration.with_parameters(names, true)
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    return np.asarray(
+        scale * (vectors @ (np.sqrt(np.maximum(values, 0.0)) * random.normal(size=len(sigma))))
+    )
 
 
 def _check(sigma_mm: float, length_mm: float) -> None:
