@@ -1,0 +1,165 @@
+"""What a person should know of a plan, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omm_core.planning.choosing import Pool
+from omm_core.planning.scene import Noise
+from omm_core.planning.wish import Yardstick
+
+if TYPE_CHECKING:
+    from omm_core.planning.plan import Plan
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+LITTLE = 0.12
+"""Share of U that twice the images must take away to be worth their time."""
+
+
+def findings_of(
+    plan: Plan,
+    pool: Pool,
+    chosen: Indices,
+    unseen: Mapping[int, str],
+    once: Sequence[int],
+    way_is_free: bool,
+) -> tuple[str, ...]:
+    """Return all findings of a plan; the reason why it does not reach the wish comes first."""
+    words: list[str] = []
+    if not plan.reached:
+        words += _what_is_missing(plan, pool, chosen)
+    words += [f"Target {target} cannot be seen: {why}." for target, why in unseen.items()]
+    if once:
+        words.append(f"Seen once only, from one place: {_list(once)}. A bump there goes unnoticed.")
+    if not way_is_free:
+        words.append(
+            "Between two stops no way was found on which the camera keeps clear of the part's box:"
+            " move the part, or allow the axes more travel."
+        )
+    words += _more_images(pool, chosen)
+    words += _not_told(plan)
+    words += _elsewhere(plan)
+    return tuple(words)
+
+
+def _what_is_missing(plan: Plan, pool: Pool, chosen: Indices) -> list[str]:
+    words = []
+    score = pool.score(chosen)
+    if plan.wish.of_pose and score > 1.0:
+        words.append(
+            f"The wanted U is not reached: the best plan, {len(plan.stops)} images, is"
+            f" {score:.2f} times as large. {_what_helps(pool, chosen)}"
+        )
+    if plan.wish.bump_mm is not None:
+        bad = {t: mm for t, mm in plan.bumps_mm.items() if not mm <= plan.wish.bump_mm}
+        for target, mm in bad.items():
+            told = f"only from {mm:.3f} mm" if np.isfinite(mm) else "not at all"
+            words.append(
+                f"A bump of target {target} would be noticed {told}, {plan.wish.bump_mm:g} mm is"
+                " wanted: put more targets on the part, or measure them better."
+            )
+    return words
+
+
+def _what_helps(pool: Pool, chosen: Indices) -> str:
+    """Name the source whose going would help most, and what to do about it."""
+    scores = {source: _without(pool, chosen, source) for source in _HELP}
+    best = min(scores, key=lambda source: scores[source])
+    enough = "would reach it" if scores[best] <= 1.0 else "would not be enough alone"
+    return (
+        f"{_HELP[best]} {enough}: without their share U would be {scores[best]:.2f} times"
+        " what is wanted."
+    )
+
+
+_HELP = {
+    "image": "Larger targets or shorter distances",
+    "stops": "More images, or a machine that repeats better,",
+    "geometry": "A machine whose geometry errs less (compensated anew), or more targets,",
+    "common": "More or better targets, and a better calibration,",
+}
+
+
+def _without(pool: Pool, chosen: Indices, source: str) -> float:
+    if source == "common":
+        designs = replace(pool.designs, common=pool.designs.common[..., :0])
+        return replace(pool, designs=designs).score(chosen)
+    return replace(pool, noise=pool.noise.without(source)).score(chosen)
+
+
+def _more_images(pool: Pool, chosen: Indices) -> list[str]:
+    """Say what twice the images would buy, from the same places."""
+    U = [_worst_corner(pool.yardstick, pool, stops) for stops in (chosen, np.tile(chosen, 2))]
+    gain = 1.0 - U[1] / U[0]
+    if gain >= LITTLE:
+        return [f"Twice the images would lower U by {gain:.0%}."]
+    return [
+        f"More images buy nothing (twice as many: {gain:.0%} of U). More or better targets do, or a"
+        " machine whose geometry errs less."
+    ]
+
+
+def _worst_corner(yardstick: Yardstick, pool: Pool, stops: Indices) -> float:
+    return float(yardstick.corner_U_mm(pool.covariances(stops[None])[0]).max())
+
+
+def _not_told(plan: Plan) -> list[str]:
+    words = []
+    imaging, body = plan.scene.calibration.imaging, plan.scene.calibration.body
+    if imaging.focus_mm is None:
+        words.append("camera.yaml tells no focus: distances are not limited by it.")
+    if imaging.max_tilt_rad is None:
+        words.append("camera.yaml tells no max_tilt_rad: the tilt of targets is not limited by it.")
+    if body is None:
+        words.append(
+            "camera.yaml tells no body: only the camera's own point is kept clear of the part."
+        )
+    if plan.scene.part.box_mm is None:
+        words.append("part.yaml tells no box_mm: the part is taken to be the box of its targets.")
+    exact = plan.scene.part.taken_as_exact()
+    if exact:
+        words.append(
+            f"part.yaml tells no uncertainty of target {_list(exact)}: taken as exact, which U"
+            " rests on."
+        )
+    if not plan.scene.calibration.parameters:
+        words.append("camera.yaml tells no covariance: the calibration is taken as exact.")
+    if plan.pace.assumed:
+        words.append(
+            f"Time is of a slow machine: machine.yaml does not tell {_list(plan.pace.assumed)}."
+        )
+    return words
+
+
+def _elsewhere(plan: Plan) -> list[str]:
+    lost = [place for place in plan.elsewhere if place.seen < place.planned]
+    if not lost:
+        return ["All targets stay in view where the part lies 50 mm or 1° elsewhere."]
+    worst = min(lost, key=lambda place: place.seen)
+    blind = [place for place in lost if not np.isfinite(place.worst_corner_U_mm)]
+    words = (
+        f"Where the part lies elsewhere ({worst.words}), {worst.planned - worst.seen} of"
+        f" {worst.planned} views are lost"
+    )
+    if blind:
+        words += " and the pose is not determined"
+    return [f"{words}: the program's correction is needed there (docs/planning.md)."]
+
+
+def noise_words(noise: Noise) -> str:
+    """Return the noise in words."""
+    return (
+        f"image {noise.image_sigma_px:g} px, stops {1e3 * noise.stop_sigma_mm:.3g} µm, geometry"
+        f" {1e3 * noise.geometry_sigma_mm:.3g} µm over {noise.geometry_length_mm:.0f} mm"
+    )
+
+
+def _list(items: Sequence[object]) -> str:
+    return ", ".join(str(item) for item in items)
