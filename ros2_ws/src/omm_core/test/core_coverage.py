@@ -99,6 +99,7 @@ class Drawn:
     absolute: np.ndarray
     own: np.ndarray
     best: KnownNoiseResult
+    length_mm: float
 
 
 def draw(cell: CoverageCell, random: np.random.Generator, *, bumped: int | None = None) -> Drawn:
@@ -146,6 +147,7 @@ def draw(cell: CoverageCell, random: np.random.Generator, *, bumped: int | None 
         absolute=absolute,
         own=_theta(own_pose(pose, X, target_of, geometry), gamma_s),
         best=best,
+        length_mm=length,
     )
 
 
@@ -224,15 +226,25 @@ def _theta(pose: RigidTransform, gamma_s: float) -> np.ndarray:
     return np.array([*pose.euler_xyz_rad(), *pose.translation_mm, gamma_s])
 
 
-def options_of(cell: CoverageCell) -> SolveOptions:
+def options_of(cell: CoverageCell, drawn: Drawn) -> SolveOptions:
     """Return what the solver is told of a cell's machine."""
-    return SolveOptions(machine_sigma_mm=cell.stop_um / 1e3 if cell.declared else 0.0)
+    if not cell.declared:
+        return SolveOptions()
+    if "stop_sigma_mm" not in SolveOptions.__dataclass_fields__:
+        return SolveOptions(machine_sigma_mm=cell.stop_um / 1e3)
+    return SolveOptions(
+        stop_sigma_mm=cell.stop_um / 1e3,
+        geometry_sigma_mm=cell.geometry_um / 1e3,
+        geometry_length_mm=drawn.length_mm,
+    )
 
 
 def statements(solution: Solution) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
     """Return (θ, U) in the machine's own coordinates, and absolute."""
-    U = 2.0 * np.sqrt(np.diag(solution.covariance))
-    return (solution.theta, U), (solution.theta, U)
+    if not hasattr(solution, "own"):  # one statement, no U of its own
+        U = 2.0 * np.sqrt(np.diag(solution.covariance))
+        return (solution.theta, U), (solution.theta, U)
+    return tuple((s.theta, s.expanded_uncertainty) for s in (solution.own, solution.absolute))
 
 
 OWN, ABSOLUTE = 0, 1
@@ -276,7 +288,7 @@ def measure(cell: CoverageCell, seed: int) -> Tally:
     known_inside = np.array(
         [np.abs(theta - true) < U for (theta, _), true, U in zip(known, truths, known_U)]
     )
-    solution = solve(drawn.observations, drawn.part, PAPER_CALIBRATION, options_of(cell))
+    solution = solve(drawn.observations, drawn.part, PAPER_CALIBRATION, options_of(cell, drawn))
     inside, width = np.zeros((2, 7)), np.zeros((2, 7))
     if solution.determined:
         for k, (theta, U) in enumerate(statements(solution)):
@@ -319,7 +331,7 @@ def finds(cell: CoverageCell, wrong: str, seed: int) -> bool:
         words = [f"target {seen[index].target_id} was read as {read_as}"]
         seen[index] = replace(seen[index], target_id=read_as)
         right[index] = True
-    solution = solve(seen, drawn.part, PAPER_CALIBRATION, options_of(cell))
+    solution = solve(seen, drawn.part, PAPER_CALIBRATION, options_of(cell, drawn))
     # Solutions hold observations in the order (stamp, target): here, that of the stops.
     named = any(w in said for w in words for said in (*solution.findings, *solution.missing))
     if not solution.determined:
