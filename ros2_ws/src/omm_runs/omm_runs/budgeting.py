@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from omm_core.budget.budget import Budget, Coverage, evaluate
 from omm_core.budget.budget_file import BudgetFile, NamedPoint, load_budget_file
+from omm_core.budget.campaign import Campaign, mean_theta, point_studies
 from omm_core.budget.evaluation import Contribution, standard
 from omm_core.budget.machine import geometry_left_mm
 from omm_core.budget.sources import (
@@ -18,16 +19,18 @@ from omm_core.budget.sources import (
     constant,
     expansion,
     from_covariances,
+    from_studies,
     length_error,
     of_contributor,
     pose_covariances,
     survey_covariances,
 )
-from omm_core.errors import InputError, MeasurementError
+from omm_core.errors import MeasurementError
 from omm_core.files.machine import MachineUncertainty, load_machine
 from omm_core.files.part import Part, load_part
 from omm_core.files.points import load_points
 from omm_core.geometry import RigidTransform
+from omm_runs.campaigning import campaign_of
 from omm_runs.solving import SolvedRun, SolveRunOptions, solve_run
 
 Array = NDArray[np.float64]
@@ -40,12 +43,14 @@ class BudgetSources:
     Attributes
     ----------
     machine_T_part : RigidTransform
-        Of the run; without one the part's nominal place, else the machine's axes.
+        Of the run, or the campaign's mean; without them the part's nominal place, else the
+        machine's axes.
     """
 
     file: BudgetFile
     part: Part
     run: SolvedRun | None
+    campaign: Campaign | None
     machine: MachineUncertainty | None
     machine_T_part: RigidTransform
     findings: tuple[str, ...]
@@ -63,7 +68,11 @@ def load_sources(path: Path) -> BudgetSources:
     """
     file = load_budget_file(path)
     part = load_part(file.part)
-    run = _solved(file) if file.u_ip is not None and file.u_ip.run is not None else None
+    given = file.u_ip
+    run = _solved(given.run) if given is not None and given.run is not None else None
+    campaign = None
+    if given is not None and given.campaign is not None:
+        campaign, _ = campaign_of(given.campaign)
     findings = [
         f"{name} is not given and counts as 0"
         for name in ("u_ip", "u_it", "u_out")
@@ -73,6 +82,9 @@ def load_sources(path: Path) -> BudgetSources:
         alpha, beta, gamma, *shift = run.result.solution.theta[:6].tolist()
         placed = RigidTransform.from_euler_xyz_rad(alpha, beta, gamma, shift)
         findings += [f"run: {words}" for words in run.result.findings]
+    elif campaign is not None:
+        alpha, beta, gamma, *shift = mean_theta(campaign.measured)[:6].tolist()
+        placed = RigidTransform.from_euler_xyz_rad(alpha, beta, gamma, shift)
     else:
         placed = _nominal(part)
     machine = None
@@ -84,6 +96,7 @@ def load_sources(path: Path) -> BudgetSources:
         file=file,
         part=part,
         run=run,
+        campaign=campaign,
         machine=machine,
         machine_T_part=placed,
         findings=tuple(findings),
@@ -125,7 +138,9 @@ def contributions_at(
     found: list[Contribution] = []
     findings: list[str] = []
     if file.u_ip is not None:
-        found += _in_part(sources, xyz, places)
+        one, told = _in_part(sources, xyz, places)
+        found.append(one)
+        findings += told
     if file.u_it is not None:
         found += expansion(file.u_it, places)
     if file.u_out is not None:
@@ -146,17 +161,31 @@ def contributions_at(
     return found, tuple(findings)
 
 
-def _in_part(sources: BudgetSources, xyz: Array, places: Array) -> list[Contribution]:
+def _in_part(
+    sources: BudgetSources, xyz: Array, places: Array
+) -> tuple[Contribution, tuple[str, ...]]:
+    """Return u_ip: of the run's covariance, of the campaign, or the larger of both, or as given."""
     given = sources.file.u_ip
     assert given is not None  # only called then
-    if given.campaign is not None:
-        raise InputError("u_ip from a campaign is not there yet: name a run.")
+    found, told = [], []
+    if given.sigma_mm is not None:
+        found.append(constant("u_ip", "u_ip", given.sigma_mm, places, "normal"))
     if sources.run is not None:
         solution = sources.run.result.solution
         covariances = pose_covariances(solution.theta.tolist(), solution.covariance, xyz)
-        return [from_covariances("u_ip", "u_ip", covariances, np.inf)]
-    assert given.sigma_mm is not None  # the reader requires one of the three
-    return [constant("u_ip", "u_ip", given.sigma_mm, places, "normal")]
+        found.append(from_covariances("u_ip", "u_ip", covariances, np.inf))
+    if sources.campaign is not None:
+        found.append(from_studies(point_studies(sources.campaign.measured, xyz)))
+        if sources.campaign.clampings == 1:
+            told.append("u_ip: a campaign of one clamping does not show what clampings add")
+    if len(found) == 1:
+        return found[0], tuple(told)
+    told.append("u_ip: of what is given, the largest counts at each point and axis")
+    largest = np.max([one.millimetres for one in found], axis=0)
+    freedom = found[-1].shape.degrees_of_freedom
+    counts = np.any(found[-1].millimetres >= largest)
+    shape = standard("normal", freedom if counts else np.inf)
+    return replace(found[0], millimetres=largest, shape=shape), tuple(told)
 
 
 def _of_machine(sources: BudgetSources, xyz: Array) -> tuple[Contribution, list[str]]:
@@ -209,14 +238,12 @@ def _stops(
     return np.array([place[stamp] for stamp in stamps]), seen
 
 
-def _solved(file: BudgetFile) -> SolvedRun:
-    assert file.u_ip is not None  # only called then
-    assert file.u_ip.run is not None
-    solved = solve_run(file.u_ip.run, SolveRunOptions())
+def _solved(path: Path) -> SolvedRun:
+    solved = solve_run(path, SolveRunOptions())
     result = solved.result
     if not result.determined or not result.solution.converged:
         reasons = "; ".join([*result.missing, *result.findings])
-        raise MeasurementError(f"{file.u_ip.run} has no result for u_ip: {reasons}.")
+        raise MeasurementError(f"{path} has no result for u_ip: {reasons}.")
     return solved
 
 

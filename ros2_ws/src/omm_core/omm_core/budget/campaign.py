@@ -237,13 +237,17 @@ def evaluate_campaign(
     )
 
 
+def mean_theta(measured: Sequence[Measured]) -> Array:
+    """Return the mean θ (7,) of all measurements."""
+    return np.asarray(_unwrapped([m.theta for m in measured]).mean(axis=0))
+
+
 def point_studies(measured: Sequence[Measured], xyz_mm: Array) -> list[list[OneFactor]]:
     """Return the analysis of points' machine coordinates: for each point (P, 3) its three axes."""
     values, _ = _values(measured)
-    mean = values.mean(axis=0)
-    jacobian = pose_jacobian(mean.tolist(), xyz_mm)
+    jacobian = pose_jacobian(mean_theta(measured).tolist(), xyz_mm)
     # Deviations are small: the coordinates are linear in them.
-    off = np.einsum("pai,ki->kpa", jacobian, values[:, :6] - mean[:6])
+    off = np.einsum("pai,ki->kpa", jacobian, values[:, :6] - values[:, :6].mean(axis=0))
     return [
         [one_factor(groups_of(measured, off[:, p, axis])) for axis in range(3)]
         for p in range(len(xyz_mm))

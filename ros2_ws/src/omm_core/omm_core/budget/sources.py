@@ -5,11 +5,13 @@ Points are given by their places ``R p`` from the part's origin, in the machine'
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from omm_core.budget.anova import OneFactor
 from omm_core.budget.budget_file import Contributor, Expansion, NamedPoint
 from omm_core.budget.evaluation import Contribution, standard
 from omm_core.errors import InputError
@@ -72,6 +74,25 @@ def from_covariances(name: str, group: str, covariances: Array, freedom: float) 
         millimetres=np.sqrt(variances),
         shape=standard("normal", freedom),
     )
+
+
+def from_studies(studies: Sequence[Sequence[OneFactor]]) -> Contribution:
+    """Return u_ip as a campaign saw it: of one measurement after a new clamping, at each point.
+
+    Its degrees of freedom are the fewest of all points and axes. With one clamping, it is the
+    repeats' alone.
+    """
+    millimetres = np.array([[_seen(one)[0] for one in axes] for axes in studies])
+    freedom = min(_seen(one)[1] for axes in studies for one in axes)
+    return Contribution(
+        name="u_ip", group="u_ip", millimetres=millimetres, shape=standard("normal", freedom)
+    )
+
+
+def _seen(study: OneFactor) -> tuple[float, float]:
+    if math.isnan(study.reproducibility):
+        return study.repeatability, float(study.within_freedom)
+    return study.reproducibility, study.degrees_of_freedom
 
 
 def constant(name: str, group: str, sigma_mm: Array, places: Array, kind: str) -> Contribution:
