@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import io
 import json
-import sys
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from omm_core.errors import InputError
 from omm_core.files.output import write_whole
 from omm_core.files.survey import DeclaredBar, SurveySet, load_survey
 from omm_core.geometry import euler_xyz_rad_from_rotation
-from omm_core.survey import Bar, Network, Sighting, solve_network
+from omm_core.survey import Bar, Network, solve_network
 from omm_core.survey.camera_model import PARAMETERS
 from omm_core.survey.network import FEWEST_RAYS
-from omm_core.targets import DetectedTarget, TargetFamily, detect_targets
+from omm_core.survey.sighting import CODED, PLAIN, sighting_of_target
+from omm_core.targets import TargetFamily
+from omm_runs.photographs import look_at_all
 
 
 def survey(path: Path) -> tuple[SurveySet, Network, dict[str, Any]]:
@@ -31,10 +30,24 @@ def survey(path: Path) -> tuple[SurveySet, Network, dict[str, Any]]:
     """
     given = load_survey(path)
     TargetFamily.by_name(given.target_family)
-    sightings = _detect_all(given)
-    bars = [Bar(ends=b.ends, length_mm=b.length_mm, sigma_mm=b.sigma_mm) for b in given.scale_bars]
     size = (given.width_px, given.height_px)
-    network = solve_network(sightings, bars, given.focal_length_px, size)
+    seen = look_at_all(given.photos, given.target_family, size)
+    sightings = [
+        sighting_of_target(number, target)
+        for number, photo in enumerate(seen)
+        for target in photo.targets
+    ]
+    dots = {number: photo.dots for number, photo in enumerate(seen)}
+    bars = [Bar(ends=b.ends, length_mm=b.length_mm, sigma_mm=b.sigma_mm) for b in given.scale_bars]
+    declared = {
+        kind: diameter
+        for kind, diameter in (
+            (CODED, given.coded_dot_diameter_mm),
+            (PLAIN, given.plain_dot_diameter_mm),
+        )
+        if diameter is not None
+    }
+    network = solve_network(sightings, bars, given.focal_length_px, size, dots, declared)
     return given, network, as_json(given, network)
 
 
@@ -46,7 +59,8 @@ def write_points(path: Path, given: SurveySet, network: Network, result: dict[st
     InputError
         Where a file cannot be written.
     """
-    rows = [network.points[point["id"]] for point in result["points"]]
+    names = {point["name"] for point in result["points"]}
+    rows = [row for number, row in network.points.items() if name_of(number) in names]
     which = np.concatenate([np.arange(3 * row, 3 * row + 3) for row in rows])
     buffer = io.BytesIO()
     np.save(buffer, network.solution.covariance_of("points")[np.ix_(which, which)])
@@ -63,41 +77,6 @@ def write_points(path: Path, given: SurveySet, network: Network, result: dict[st
         },
     }
     write_whole(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
-
-
-def _detect_all(given: SurveySet) -> list[Sighting]:
-    count = len(given.photos)
-    sightings: list[Sighting] = []
-    with ProcessPoolExecutor(max_workers=2) as pool:
-        found = pool.map(_detect, [(photo, given) for photo in given.photos])
-        for number, targets in enumerate(found):
-            print(f"\r  photograph {number + 1} of {count}", end="", file=sys.stderr, flush=True)
-            seen = [target.id for target in targets]
-            sightings += [
-                Sighting(
-                    photo=number, point=target.id, center_px=target.center_px,
-                    covariance_px2=target.covariance_px2,
-                )
-                for target in targets
-                if seen.count(target.id) == 1
-            ]  # fmt: skip
-    print(file=sys.stderr)
-    return sightings
-
-
-def _detect(job: tuple[Path, SurveySet]) -> tuple[DetectedTarget, ...]:
-    import cv2
-
-    photo, given = job
-    image = cv2.imread(str(photo), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
-    if image is None:
-        raise InputError(f"{photo}: expected a photograph, but it cannot be read as an image.")
-    if image.shape != (given.height_px, given.width_px):
-        raise InputError(
-            f"{photo}: expected {given.width_px} x {given.height_px} pixels, as the camera of"
-            f" survey.yaml has, got {image.shape[1]} x {image.shape[0]}."
-        )
-    return detect_targets(image, TargetFamily.by_name(given.target_family)).targets
 
 
 def as_json(given: SurveySet, network: Network) -> dict[str, Any]:
@@ -117,7 +96,7 @@ def as_json(given: SurveySet, network: Network) -> dict[str, Any]:
     if rejected:
         findings.append(f"{rejected} of {len(network.used)} image points are left out as blunders.")
     findings += _suspects(given, network)
-    few = [str(p) for p in network.points if network.rays_of(p) < FEWEST_RAYS]
+    few = [name_of(p) for p in network.points if network.rays_of(p) < FEWEST_RAYS]
     if few:
         findings.append(
             f"Not delivered, with fewer than {FEWEST_RAYS} rays left: {', '.join(few)}."
@@ -142,6 +121,7 @@ def as_json(given: SurveySet, network: Network) -> dict[str, Any]:
     return {
         "converged": solution.converged,
         "sigma0": network.sigma0,
+        "sigma0_by": network.sigma0_by,
         "rms_px": network.rms_px,
         "degrees_of_freedom": solution.degrees_of_freedom,
         "camera": {
@@ -161,7 +141,7 @@ def _suspects(given: SurveySet, network: Network) -> list[str]:
     """Name targets and photographs of which a quarter or more of the rays were left out."""
     found = []
     for what, numbers, name in (
-        ("Target", [s.point for s in network.sightings], str),
+        ("Target", [s.point for s in network.sightings], name_of),
         ("Photograph", [s.photo for s in network.sightings], lambda i: given.photos[i].name),
     ):
         every = np.array(numbers)
@@ -197,17 +177,24 @@ def _points(network: Network) -> list[dict[str, Any]]:
         if rays < FEWEST_RAYS:
             continue
         own = slice(3 * row, 3 * row + 3)
+        circle = network.circles.get(number)
         points.append(
             {
-                "name": str(number),
-                "coded": True,
-                "id": number,
+                "name": name_of(number),
+                "coded": number > 0,
+                **({"id": number} if number > 0 else {}),
                 "xyz_mm": network.solution.values["points"][row].tolist(),
                 "covariance_mm2": covariance[own, own].tolist(),
+                "normal": None if circle is None else circle.normal.tolist(),
                 "images": rays,
             }
         )
     return points
+
+
+def name_of(number: int) -> str:
+    """Return what a point is called: a coded target's number, or P and a number."""
+    return str(number) if number > 0 else f"P{-number}"
 
 
 def _photo(name: str, pose: Any) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""./omm survey: coordinates of coded targets from photographs taken by hand."""
+"""./omm survey: coordinates of targets from photographs taken by hand."""
 
 import argparse
 import json
@@ -23,8 +23,10 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out is not None:
         write_points(arguments.out, given, network, result)
     used = sum(photo["used"] for photo in result["photos"])
+    coded = sum(point["coded"] for point in result["points"])
     print(
-        f"{len(result['points'])} coded targets from {used} of {len(result['photos'])} photographs"
+        f"{coded} coded and {len(result['points']) - coded} plain targets"
+        f" from {used} of {len(result['photos'])} photographs"
         f"\nresiduals {result['rms_px']:.4f} px rms, {result['sigma0']:.2f} times what the"
         f" detector expects; {result['degrees_of_freedom']} degrees of freedom"
     )
@@ -35,5 +37,5 @@ def run(arguments: argparse.Namespace) -> int:
                 f"{name}: {bar['measured_mm']:.4f} mm, {bar['measured_mm'] - bar['length_mm']:+.4f}"
                 f" against its length (sigma {bar['sigma_mm']:.4f})"
             )
-    print("\n".join(result["findings"] + ["Plain targets are not measured yet."]))
+    print("\n".join(result["findings"]))
     return 0 if result["converged"] else 1

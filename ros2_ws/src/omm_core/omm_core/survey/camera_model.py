@@ -63,6 +63,11 @@ def undistorted(lens: Array, offsets_px: Array) -> Array:
     return ideal
 
 
+def lens_pixels(lens: Array, inside: Array) -> Array:
+    """Return offsets from the middle of the picture (M, 2), px, of points in the camera (M, 3)."""
+    return _lens(lens, inside)[0]
+
+
 def _lens(lens: Array, inside: Array) -> tuple[Array, Array, Array]:
     """Return offsets (M, 2) px, their derivatives by the lens (M, 2, 10) and by (x/z, y/z)."""
     f, cl, rw, k1, k2, k3, p1, p2, affinity, shear = lens

@@ -15,7 +15,12 @@ Rays = dict[int, dict[int, Array]]  # photo -> point -> ideal (x/z, y/z)
 
 FEWEST_COMMON = 8
 FEWEST_TO_RESECT = 4
+# With few points on a plane two poses look nearly alike: not before the lens is known.
+_FEWEST_AT_FIRST = 7
+_ENOUGH_PHOTOS = 4
+_FLAT = 0.1
 _PAIRS_TRIED = 60
+_FIRST_ANGLE_RAD = 0.09
 
 
 def start_network(rays: Rays, pixel: float) -> tuple[dict[int, Array], dict[int, Array]]:
@@ -34,9 +39,26 @@ def start_network(rays: Rays, pixel: float) -> tuple[dict[int, Array], dict[int,
         Where no two photographs have enough in common.
     """
     photos, points = _best_pair(rays, pixel)
-    while _resect_next(rays, photos, points, pixel):
-        _intersect(rays, photos, points, pixel)
+    _extend(rays, photos, points, pixel, _FEWEST_AT_FIRST)
+    if len(photos) < _ENOUGH_PHOTOS:
+        _extend(rays, photos, points, pixel, FEWEST_TO_RESECT)
     return photos, points
+
+
+def _extend(
+    rays: Rays, photos: dict[int, Array], points: dict[int, Array], pixel: float, fewest: int
+) -> None:
+    """Place what photographs and points can be placed, in place."""
+    while _resect_next(rays, photos, points, pixel, fewest):
+        intersect_points(rays, photos, points, pixel, _FIRST_ANGLE_RAD)
+
+
+def resect_photos(
+    rays: Rays, photos: dict[int, Array], points: dict[int, Array], pixel: float
+) -> None:
+    """Place the photographs that see enough of the points, in place."""
+    while _resect_next(rays, photos, points, pixel, FEWEST_TO_RESECT):
+        pass
 
 
 def _best_pair(rays: Rays, pixel: float) -> tuple[dict[int, Array], dict[int, Array]]:
@@ -62,7 +84,7 @@ def _best_pair(rays: Rays, pixel: float) -> tuple[dict[int, Array], dict[int, Ar
         place = (-turn.T @ shift).ravel()
         photos = {a: np.zeros(6), b: np.r_[Rotation.from_matrix(turn).as_rotvec(), place]}
         points: dict[int, Array] = {}
-        _intersect({a: rays[a], b: rays[b]}, photos, points, pixel)
+        intersect_points({a: rays[a], b: rays[b]}, photos, points, pixel, _FIRST_ANGLE_RAD)
         if len(points) < FEWEST_COMMON:
             continue
         to = np.array(list(points.values()))
@@ -83,14 +105,14 @@ def _unit(vectors: Array) -> Array:
 
 
 def _resect_next(
-    rays: Rays, photos: dict[int, Array], points: dict[int, Array], pixel: float
+    rays: Rays, photos: dict[int, Array], points: dict[int, Array], pixel: float, fewest: int
 ) -> bool:
     """Place the photograph that sees most of the known points; False when none is left."""
     import cv2
 
     left = [(len(set(rays[i]) & set(points)), i) for i in rays if i not in photos]
     for count, i in sorted(left, reverse=True):
-        if count < FEWEST_TO_RESECT:
+        if count < fewest:
             return False
         common = sorted(set(rays[i]) & set(points))
         places = np.array([points[p] for p in common])
@@ -102,19 +124,40 @@ def _resect_next(
         if not found or inliers is None or len(inliers) < max(4, 0.6 * count):
             continue
         inside = inliers.ravel()
-        turn, shift = cv2.solvePnPRefineLM(
-            places[inside], seen[inside], np.eye(3), None, turn, shift
-        )
+        turn, shift = _best_pose(places[inside], seen[inside], (turn, shift))
         rotation = Rotation.from_rotvec(turn.ravel())
         photos[i] = np.r_[turn.ravel(), -rotation.inv().apply(shift.ravel())]
         return True
     return False
 
 
-def _intersect(
-    rays: Rays, photos: dict[int, Array], points: dict[int, Array], pixel: float
+def _best_pose(places: Array, seen: Array, first: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return turn and shift with the smallest error: on a plane, two poses look nearly alike."""
+    import cv2
+
+    tried = [first]
+    for method in (cv2.SOLVEPNP_SQPNP, cv2.SOLVEPNP_IPPE):
+        flat = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
+        if method == cv2.SOLVEPNP_SQPNP or flat[2] < _FLAT * flat[1]:
+            _, turns, shifts, _ = cv2.solvePnPGeneric(places, seen, np.eye(3), None, flags=method)
+            tried += list(zip(turns, shifts, strict=True))
+    refined = []
+    for turn, shift in tried:
+        turn, shift = cv2.solvePnPRefineLM(places, seen, np.eye(3), None, turn, shift)
+        error = cv2.projectPoints(places, turn, shift, np.eye(3), None)[0][:, 0] - seen
+        refined.append((float(np.sum(error**2)), turn, shift))
+    _, turn, shift = min(refined, key=lambda pose: pose[0])
+    return turn, shift
+
+
+def intersect_points(
+    rays: Rays,
+    photos: dict[int, Array],
+    points: dict[int, Array],
+    pixel: float,
+    angle_rad: float,
 ) -> None:
-    """Intersect every point that two placed photographs see at an angle."""
+    """Place every point that two placed photographs see at ``angle_rad``, in place."""
     for point in sorted({p for i in photos for p in rays[i]}):
         seen = [i for i in photos if point in rays[i]]
         if len(seen) < 2:
@@ -125,7 +168,7 @@ def _intersect(
         looks = _unit(looks)
         across = np.eye(3) - looks[:, :, None] * looks[:, None, :]
         normal = across.sum(axis=0)
-        if np.linalg.eigvalsh(normal)[0] < 2e-3 * len(seen):
+        if np.linalg.eigvalsh(normal)[0] < 0.25 * angle_rad**2 * len(seen):
             continue
         place = np.linalg.solve(normal, np.einsum("nij,nj->i", across, places))
         inside = turns.apply(place - places)

@@ -1,0 +1,244 @@
+"""A survey from what was seen in its photographs: start, network, plain targets, all together."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omm_core.errors import MeasurementError
+from omm_core.survey.camera_model import project, undistorted
+from omm_core.survey.matching import match_dots, placed
+from omm_core.survey.network import (
+    FEWEST_IN_PHOTO,
+    FEWEST_RAYS,
+    REJECTION,
+    Network,
+    State,
+    adjusted,
+    stages_for,
+    state_of,
+)
+from omm_core.survey.sighting import CODED, PLAIN, Bar, Sighting, sighting_of_dot
+from omm_core.survey.start import Rays, intersect_points, resect_photos, start_network
+from omm_core.targets.plain import PlainDot
+
+Array = NDArray[np.float64]
+Dots = dict[int, tuple[PlainDot, ...]]
+
+_CLAIM_PX = 1.5  # a dot so near to where a known target must be is that target
+_RING = 3.6  # times the radius of a coded dot: nothing within is a plain target
+_ANGLE_RAD = 0.02  # between rays, once the lens is known
+_WEEDINGS = 8
+_MARGIN = 0.3  # of the coded targets' box, on each side, where plain ones may be
+
+
+def solve_network(
+    sightings: list[Sighting],
+    bars: list[Bar],
+    focal_length_px: float,
+    size_px: tuple[int, int],
+    dots: Dots | None = None,
+    diameters_mm: dict[str, float] | None = None,
+) -> Network:
+    """Adjust from nothing but the nominal focal length.
+
+    Parameters
+    ----------
+    sightings : list of Sighting
+        The coded targets that were read.
+    dots : mapping, optional
+        Plain dots by photograph.
+    diameters_mm : mapping, optional
+        Of the dots, by kind; measured where not given.
+
+    Raises
+    ------
+    MeasurementError
+        Where photographs do not hang together, or no bar was measured.
+    """
+    middle = (np.array(size_px) - 1.0) / 2.0
+    network = _coded_network(sightings, bars, focal_length_px, middle, diameters_mm or {})
+    every = sightings
+    if dots:
+        network, every = _with_dots(network, sightings, bars, dots, diameters_mm or {})
+    return _weeded(network, every, bars, diameters_mm or {})
+
+
+def _weeded(
+    network: Network, sightings: list[Sighting], bars: list[Bar], declared: dict[str, float]
+) -> Network:
+    """Adjust for good; what then still contradicts itself is left out with all of its rays."""
+    state = state_of(network, declared)
+    for _ in range(_WEEDINGS):
+        stages = stages_for(len(state.photos))[-1:]
+        network = adjusted(state, sightings, bars, network.middle_px, stages, REJECTION)
+        points, photos = _contradictions(network)
+        if not points and not photos:
+            break
+        state = state_of(network, declared)
+        for number in points:
+            del state.points[number]
+        for number in photos:
+            del state.photos[number]
+    return network
+
+
+def _contradictions(network: Network) -> tuple[list[int], list[int]]:
+    """Return points and photographs of which no ray can be spared, though one does not fit."""
+    bad = network.used & (network.t2 > REJECTION)
+    rays = network.ray_counts()
+    points = {s.point for s, out in zip(network.sightings, bad, strict=True) if out}
+    points = {n for n in points if rays[n] <= FEWEST_RAYS}
+    of_photo = Counter(s.photo for s, u in zip(network.sightings, network.used, strict=True) if u)
+    photos = {
+        s.photo
+        for s, out in zip(network.sightings, bad, strict=True)
+        if out and s.point not in points and of_photo[s.photo] <= FEWEST_IN_PHOTO
+    }
+    return sorted(points), sorted(photos)
+
+
+def _coded_network(
+    sightings: list[Sighting],
+    bars: list[Bar],
+    focal_length_px: float,
+    middle: Array,
+    declared: dict[str, float],
+) -> Network:
+    """Return the network of coded targets: a start, then photographs and points by turns."""
+    lens = np.r_[focal_length_px, np.zeros(9)]
+    photos, points = start_network(_rays(sightings, lens, middle), 1.0 / focal_length_px)
+    points = _seen_by(3, points, photos, sightings)
+    state = _scaled(State(lens=lens, photos=photos, points=points, declared_mm=declared), bars)
+    network = adjusted(state, sightings, bars, middle, stages_for(len(photos)))
+    tried = (set(network.photos), set(network.points))
+    while True:
+        state = _extended(_scaled(state_of(network, declared), bars), sightings, middle, tried)
+        if set(state.photos) <= tried[0] and set(state.points) <= tried[1]:
+            break
+        tried[0].update(state.photos)
+        tried[1].update(state.points)
+        network = adjusted(state, sightings, bars, middle, stages_for(len(state.photos))[-1:])
+    if not network.bars:
+        raise MeasurementError(
+            "Expected at least one scale bar whose two ends are seen in three photographs each;"
+            " found none, so the coordinates have no scale. Photograph the bars more often."
+        )
+    return network
+
+
+def _extended(
+    state: State, sightings: list[Sighting], middle: Array, tried: tuple[set[int], set[int]]
+) -> State:
+    """Return the state with more photographs or, where there are none, with more points."""
+    photos, points = dict(state.photos), dict(state.points)
+    rays, pixel = _rays(sightings, state.lens, middle), float(1.0 / state.lens[0])
+    resect_photos({n: r for n, r in rays.items() if n not in tried[0]}, photos, points, pixel)
+    if len(photos) == len(state.photos):
+        intersect_points(rays, photos, points, pixel, _ANGLE_RAD)
+        new = {p: x for p, x in points.items() if p not in tried[1]}
+        points = {**state.points, **_seen_by(2, new, photos, sightings)}
+    return replace(state, photos=photos, points=points)
+
+
+def _seen_by(
+    fewest: int, points: dict[int, Array], photos: dict[int, Array], sightings: list[Sighting]
+) -> dict[int, Array]:
+    counts: dict[int, int] = {}
+    for s in sightings:
+        counts[s.point] = counts.get(s.point, 0) + (s.photo in photos)
+    return {p: xyz for p, xyz in points.items() if counts[p] >= fewest}
+
+
+def _scaled(state: State, bars: list[Bar]) -> State:
+    """Return the state in mm, where a bar is seen."""
+    at = state.points
+    there = [b for b in bars if b.ends[0] in at and b.ends[1] in at]
+    if not there:
+        return state
+    spans = [np.linalg.norm(at[b.ends[0]] - at[b.ends[1]]) for b in there]
+    scale = float(np.median([b.length_mm / span for b, span in zip(there, spans, strict=True)]))
+    stretch = np.r_[1.0, 1.0, 1.0, scale, scale, scale]
+    return replace(
+        state,
+        photos={n: p * stretch for n, p in state.photos.items()},
+        points={n: p * scale for n, p in at.items()},
+    )
+
+
+def _rays(sightings: list[Sighting], lens: Array, middle: Array) -> Rays:
+    ideal = undistorted(lens, np.array([s.center_px for s in sightings]) - middle)
+    rays: Rays = {}
+    for sighting, ray in zip(sightings, ideal, strict=True):
+        rays.setdefault(sighting.photo, {})[sighting.point] = ray
+    return rays
+
+
+def _with_dots(
+    network: Network,
+    sightings: list[Sighting],
+    bars: list[Bar],
+    dots: Dots,
+    declared: dict[str, float],
+) -> tuple[Network, list[Sighting]]:
+    """Return the network of coded and plain targets together, and all sightings."""
+    claimed, left = _claimed(network, sightings, dots)
+    box = _box(network)
+    photos = [placed(n, network.pose(n), left.get(n, ())) for n in network.photos]
+    matches = match_dots(photos, network.lens, network.middle_px, box, declared.get(PLAIN))
+    state = state_of(network, declared)
+    points = dict(state.points)
+    every = [*sightings, *claimed]
+    for number, match in enumerate(matches, start=1):
+        points[-number] = match.xyz_mm
+        every += [
+            sighting_of_dot(photo, -number, left[photo][dot]) for photo, dot in match.dots.items()
+        ]
+    state = replace(state, points=points)
+    stages = stages_for(len(state.photos))[-1:]
+    return adjusted(state, every, bars, network.middle_px, stages), every
+
+
+def _box(network: Network) -> Array:
+    points = network.solution.values["points"]
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = _MARGIN * float((high - low).max())
+    return np.array([low - margin, high + margin])
+
+
+def _claimed(
+    network: Network, sightings: list[Sighting], dots: Dots
+) -> tuple[list[Sighting], Dots]:
+    """Return coded targets whose ring was not read but whose dot was found; and the dots left.
+
+    What lies within the ring of a known coded target is neither: sectors of its ring.
+    """
+    claimed: list[Sighting] = []
+    left: Dots = {}
+    read = {(s.photo, s.point) for s in sightings}
+    radius = 0.5 * network.diameters_mm.get(CODED, 0.0)
+    numbers = [n for n in network.points if n > 0]
+    for photo in network.photos:
+        of_photo = dots.get(photo, ())
+        if not of_photo:
+            continue
+        rows = np.array([network.points[n] for n in numbers])
+        here = np.full(len(rows), network.photos[photo])
+        pixels, inside = project(network.solution.values, here, rows, network.middle_px)
+        size = network.lens[0] * radius / np.maximum(inside[:, 2], 1e-9)
+        centres = np.array([d.center_px for d in of_photo])
+        apart = np.linalg.norm(centres[:, None] - pixels[None], axis=2)
+        apart[:, inside[:, 2] <= 0] = np.inf
+        kept = []
+        for i, dot in enumerate(of_photo):
+            near = int(np.argmin(apart[i]))
+            if apart[i, near] < _CLAIM_PX:
+                if (photo, numbers[near]) not in read:
+                    claimed.append(sighting_of_dot(photo, numbers[near], dot, CODED))
+            elif not (apart[i] < _RING * size).any():
+                kept.append(dot)
+        left[photo] = tuple(kept)
+    return claimed, left

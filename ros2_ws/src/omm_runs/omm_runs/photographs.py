@@ -1,0 +1,114 @@
+"""Photographs of a survey: read as the sensor saw them, and everything found in them."""
+
+from __future__ import annotations
+
+import os
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omm_core.errors import InputError
+from omm_core.survey.sighting import sighting_of_target
+from omm_core.targets import DetectedTarget, TargetFamily, detect_targets
+from omm_core.targets.plain import PlainDot, PlainOptions, find_plain_dots
+
+Array = NDArray[np.float64]
+
+_FEWEST_FOR_POLARITY = 3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Seen:
+    """What one photograph shows; ``problem`` says why nothing, where it cannot be used."""
+
+    size_px: tuple[int, int]
+    targets: tuple[DetectedTarget, ...] = ()
+    dots: tuple[PlainDot, ...] = ()
+    problem: str | None = None
+
+
+def read_photograph(path: Path) -> NDArray[Any]:
+    """Return the pixels as stored, grey; no orientation tag turns them.
+
+    Raises
+    ------
+    InputError
+        Where the file is missing or no image.
+    """
+    import cv2
+
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}.") from error
+    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
+    try:
+        flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags) if data else None
+    finally:
+        cv2.utils.logging.setLogLevel(level)
+    if image is None or image.dtype not in (np.uint8, np.uint16):
+        raise InputError(f"{path}: expected a photograph, but it cannot be read as an image.")
+    return np.ascontiguousarray(image)
+
+
+def look_at_all(
+    photos: tuple[Path, ...], family: str, size_px: tuple[int, int] | None = None
+) -> list[Seen]:
+    """Return what each photograph shows, on all cores, with progress on the screen."""
+    found: list[Seen] = []
+    jobs = [(photo, family, size_px) for photo in photos]
+    shown = sys.stderr.isatty()
+    with ProcessPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+        for number, seen in enumerate(pool.map(_look, jobs), start=1):
+            found.append(seen)
+            if shown:
+                print(f"\r  photograph {number} of {len(photos)}", end="", file=sys.stderr)
+    if shown:
+        print(file=sys.stderr)
+    return found
+
+
+def _look(job: tuple[Path, str, tuple[int, int] | None]) -> Seen:
+    import cv2
+
+    cv2.setNumThreads(1)
+    photo, family_name, size_px = job
+    image = read_photograph(photo)
+    size = (image.shape[1], image.shape[0])
+    if size_px is not None and size != size_px:
+        wanted = f"{size_px[0]} x {size_px[1]}"
+        return Seen(
+            size_px=size,
+            problem=f"it has {size[0]} x {size[1]} pixels, the camera's others {wanted}",
+        )
+    family = TargetFamily.by_name(family_name)
+    detection = detect_targets(image, family)
+    targets = detection.targets
+    dark = sum(not t.bright for t in targets)
+    bright = 2 * dark < len(targets) or len(targets) < _FEWEST_FOR_POLARITY
+    contrast = [t.contrast_dn for t in targets]
+    least = 0.12 * float(np.median(contrast)) if contrast else 15.0
+    unit = 1.0 if image.dtype == np.uint8 else max(float(image.max()) / 255.0, 1.0)
+    options = PlainOptions(bright=bright, min_contrast_dn=max(least / unit, 12.0))
+    return Seen(
+        size_px=size,
+        targets=targets,
+        dots=find_plain_dots(image, options, rings_of(targets, family)),
+    )
+
+
+def rings_of(targets: tuple[DetectedTarget, ...], family: TargetFamily) -> Array:
+    """Return the outer edges of the rings as ellipses (N, 5): col, row, conic's xx, xy, yy."""
+    rings = np.empty((len(targets), 5))
+    for ring, target in zip(rings, targets, strict=True):
+        spread = sighting_of_target(0, target).spread_px2
+        assert spread is not None
+        conic = np.linalg.inv(spread) / family.ring_outer_ratio**2
+        ring[:] = [*target.center_px, conic[0, 0], conic[0, 1], conic[1, 1]]
+    return rings
