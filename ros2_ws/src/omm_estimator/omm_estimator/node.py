@@ -7,6 +7,7 @@ All of it is done on one thread, in the order of arrival; poses wait while targe
 
 from __future__ import annotations
 
+import sys
 import time
 from dataclasses import replace
 from typing import Any
@@ -21,7 +22,7 @@ from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
 from omm_core.errors import InputError, OmmError
-from omm_core.files.part import Part, load_part
+from omm_core.files.part import Part, load_part, looks_like_part
 from omm_core.imaging.calibration import load_calibration
 from omm_core.session.measurement import Measurement
 from omm_core.session.result import MeasurementResult
@@ -200,7 +201,7 @@ class EstimatorNode(LifecycleNode):
         self, request: LoadPart.Request, response: LoadPart.Response
     ) -> LoadPart.Response:
         try:
-            part = self._change_part(request.part_file)
+            part = self._change_part_as_asked(request.part_file)
         except InputError as error:
             response.success, response.message = False, str(error)
             return response
@@ -211,13 +212,30 @@ class EstimatorNode(LifecycleNode):
 
     def _on_parameters(self, parameters: Parameters) -> None:
         if self._measurement is not None and parameters.part_file != self._p.part_file:
-            self._change_part(parameters.part_file)
+            self._change_part_as_asked(parameters.part_file)
         self._p = parameters
         if self._measurement is not None:
             self._measurement.solve_with(parameters.solve_options())
             self._publish()
 
     # --- outputs -------------------------------------------------------------------------------
+
+    def _change_part_as_asked(self, part_file: str) -> Part:
+        """Take the part file that somebody names over the network, who may be anybody.
+
+        What is wrong with it is told to them only where it is a part file at all: what other files
+        hold (of which errors quote some) stays on this machine.
+        """
+        try:
+            return self._change_part(part_file)
+        except InputError as error:
+            if looks_like_part(part_file):
+                raise
+            print(f"estimator: {error}", file=sys.stderr)
+            raise InputError(
+                f"Expected a part file, {part_file} is none that can be read. More stands on the"
+                " estimator's own output."
+            ) from None
 
     def _change_part(self, part_file: str) -> Part:
         part = self._begin(part_file)

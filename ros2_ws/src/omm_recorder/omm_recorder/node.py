@@ -17,6 +17,7 @@ from rclpy.subscription import Subscription
 from omm_core.errors import InputError, OmmError
 from omm_recorder.conversions import message_class, profile_from_qos, qos_from_profile
 from omm_recorder.definitions import definition, type_hash
+from omm_recorder.files import FileToRecord, file_to_record
 from omm_recorder.parameter_snapshot import ParameterSnapshot, as_table
 from omm_recorder.parameters import Parameters
 from omm_recorder.provenance import provenance
@@ -35,6 +36,8 @@ CHANGES = "/parameter_events"
 DIAGNOSTICS = "/diagnostics"
 END_PATIENCE_S = 2.5
 FILES = {"part_file": "part.yaml", "calibration_file": "camera.yaml"}
+OWNER = "estimator"
+"""The node whose parameters those are; no other's are believed."""
 
 
 class RecorderNode(Node):
@@ -53,6 +56,7 @@ class RecorderNode(Node):
         self._attached: dict[str, bytes] = {}
         self._heard: dict[str, tuple[TopicQos, Subscription]] = {}
         self._unknown: set[str] = set()
+        self._owners: set[str] = set()
         self._tellers: set[str] = set()
         files = self._files_to_attach()
         self.recorder = self._started()
@@ -63,9 +67,9 @@ class RecorderNode(Node):
             raise
         self.get_logger().info(f"Recording to {self.folder}")
 
-    def _listen_to_all(self, files: dict[str, bytes]) -> None:
-        for name, data in files.items():
-            self._attach(name, data)
+    def _listen_to_all(self, files: dict[str, FileToRecord]) -> None:
+        for name, file in files.items():
+            self._attach(name, file)
         for topic in KNOWN:
             self._listen(topic.name, topic.type_name, topic.qos, shared=topic.shared)
         self._snapshot = ParameterSnapshot(self, self._take_parameters)
@@ -153,13 +157,13 @@ class RecorderNode(Node):
         )
         return Recorder(RecordingWriter(self.folder / RUN_NAME, options), limits, self._tell)
 
-    def _files_to_attach(self) -> dict[str, bytes]:
+    def _files_to_attach(self) -> dict[str, FileToRecord]:
         named = {n: getattr(self.parameters, p) for p, n in FILES.items()}
-        return {name: _read(Path(path)) for name, path in named.items() if path}
+        return {name: file_to_record(Path(path), name) for name, path in named.items() if path}
 
-    def _attach(self, name: str, data: bytes) -> None:
-        self._attached[name] = data
-        self.recorder.add_file(name, data)
+    def _attach(self, name: str, file: FileToRecord) -> None:
+        self._attached[name] = file.data
+        self.recorder.add_file(name, file.data, file.mode)
 
     def _listen(self, name: str, type_name: str, qos: TopicQos, *, shared: bool = False) -> None:
         """Subscribe, or subscribe anew where the publishers offer something else."""
@@ -245,28 +249,31 @@ class RecorderNode(Node):
         return [qos_from_profile(info.qos_profile, 1000) for info in infos]
 
     def _take_parameters(self, node: str, values: dict[str, Any]) -> None:
+        """Keep a node's parameters, and the files that the estimator says it uses."""
         self.recorder.add_table(f"omm_parameters {node}", as_table(values))
+        if node.rpartition("/")[2] != OWNER:
+            return
+        first = node not in self._owners
+        self._owners.add(node)
         for parameter, name in FILES.items():
             path = values.get(parameter)
-            if isinstance(path, str) and path and name not in self._attached:
-                try:
-                    self._attach(name, _read(Path(path)))
-                except InputError as error:
-                    self.get_logger().warning(str(error))
+            # What this recorder was given itself counts until the estimator is given another.
+            if isinstance(path, str) and path and not (first and name in self._attached):
+                self._attach_changed(name, Path(path))
+
+    def _attach_changed(self, name: str, path: Path) -> None:
+        try:
+            file = file_to_record(path, name)
+        except InputError as error:
+            self.get_logger().error(str(error))
+            return
+        if file.data != self._attached.get(name):
+            self._attach(name, file)
 
     def _take_changes(self, event: ParameterEvent) -> None:
-        """Keep a file that a node was given while it ran: the last one counts."""
-        for changed in event.changed_parameters:
-            name, path = FILES.get(changed.name), changed.value.string_value
-            if name is None or not path:
-                continue
-            try:
-                data = _read(Path(path))
-            except InputError as error:
-                self.get_logger().error(str(error))
-                continue
-            if data != self._attached.get(name):
-                self._attach(name, data)
+        """Ask the node itself: anybody can publish that its parameters changed."""
+        if event.node.rpartition("/")[2] == OWNER and event.changed_parameters:
+            self._snapshot.ask_again(event.node)
 
     def _tell(self, text: str) -> None:
         self.get_logger().error(text)
@@ -288,13 +295,6 @@ class RecorderNode(Node):
             "missing from publishers": state.missing,
         }
         return Health(level=level, message=message, values=values)
-
-
-def _read(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(f"Cannot read {path}, to be recorded: {error.strerror}.") from error
 
 
 def main(args: list[str] | None = None) -> int:

@@ -46,6 +46,11 @@ class ParameterSnapshot:
                 future = client.list_parameters()
                 future.add_done_callback(lambda done, n=name, c=client: self._listed(n, c, done))
 
+    def ask_again(self, name: str) -> None:
+        """Ask a node once more: it may have changed. A name that is no node's is not asked."""
+        self._forget(name)
+        self.look()
+
     def _listed(self, name: str, client: AsyncParameterClient, listed: Any) -> None:
         if listed.exception() is not None or listed.result() is None:
             self._taken.discard(name)

@@ -100,9 +100,14 @@ class Recorder:
         self._tallies[topic.name] = TopicTally(missing=None if shared else 0)
         self._enqueue(0, lambda writer: writer.add_topic(topic))
 
-    def add_file(self, name: str, data: bytes) -> None:
-        """Put a file into the recording."""
-        self._enqueue(len(data), lambda writer: writer.add_file(name, data, time.time_ns()))
+    def add_file(self, name: str, data: bytes, mode: int = 0o666) -> None:
+        """Put a file into the recording, which nobody may read then who may not read the file."""
+
+        def add(writer: RecordingWriter) -> None:
+            writer.keep_as_private_as(mode)
+            writer.add_file(name, data, time.time_ns())
+
+        self._enqueue(len(data), add)
 
     def add_table(self, name: str, values: Mapping[str, str]) -> None:
         """Put a named table into the recording."""

@@ -19,6 +19,9 @@ import rclpy
 import rclpy.duration
 import rclpy.executors
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterEvent, ParameterValue
+from rclpy.parameter import Parameter
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -276,6 +279,67 @@ def test_parameters_files_and_versions_are_recorded(node: Any, start: Any, tmp_p
     assert summary.parameters["/tester"]["exposure_us"] == "800"
     assert set(summary.attached) == {"part.yaml"}
     assert {"omm", "ros_distro", "python", "numpy", "rclpy"} <= set(summary.provenance)
+
+
+SECRET = "root:$6$secret:19000:0:99999:7:::\n"
+
+
+def test_that_a_parameter_changed_is_believed_of_its_node_only(
+    node: Any, start: Any, tmp_path: Path
+) -> None:
+    (tmp_path / "part.yaml").write_text("part: {name: nobody's}\n")
+    recorder = start("node", folder=tmp_path / "run")
+    forged = ParameterEvent(node="/estimator")
+    value = ParameterValue(type=4, string_value=str(tmp_path / "part.yaml"))
+    forged.changed_parameters = [ParameterMessage(name="part_file", value=value)]
+    events = publisher(node, "/parameter_events", "rcl_interfaces/msg/ParameterEvent")
+    wait_for(lambda: recording_parameters(tmp_path / "run", "recorder"), "a recorder that listens")
+    events.publish(forged)
+    assert events.wait_for_all_acked(rclpy.duration.Duration(seconds=30))
+    wait_for(has(tmp_path / "run", "/parameter_events", 1), "the forged event")
+    recorder.send_signal(signal.SIGINT)
+    recorder.communicate(timeout=60)
+    assert inspect(tmp_path / "run").attached == {}
+
+
+def recording_parameters(folder: Path, name: str) -> bool:
+    seen = folder / f"run.mcap{UNFINISHED}"
+    return seen.exists() and f"omm_parameters /{name}".encode() in seen.read_bytes()
+
+
+def test_of_the_estimators_files_only_those_of_their_kind_are_recorded(
+    domain: None, start: Any, tmp_path: Path
+) -> None:
+    secret, part = tmp_path / "shadow", tmp_path / "part.yaml"
+    secret.write_text(SECRET)
+    part.write_text("part: {name: plate}\n")
+    part.chmod(0o640)
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    estimator = rclpy.create_node("estimator", context=context)
+    estimator.declare_parameter("part_file", str(secret))
+    executor = rclpy.executors.SingleThreadedExecutor(context=context)
+    executor.add_node(estimator)
+    recorder = start("node", folder=tmp_path / "run")
+    unfinished = tmp_path / "run" / f"run.mcap{UNFINISHED}"
+
+    def spun(what: Callable[[], bool]) -> Callable[[], bool]:
+        return lambda: executor.spin_once(timeout_sec=0.05) or what()
+
+    try:
+        wait_for(spun(lambda: recording_parameters(tmp_path / "run", "estimator")), "its answer")
+        assert unfinished.stat().st_mode & 0o044 == 0o044
+        estimator.set_parameters([Parameter("part_file", value=str(part))])
+        wait_for(spun(lambda: b"name: plate" in unfinished.read_bytes()), "the part")
+    finally:
+        executor.shutdown()
+        rclpy.shutdown(context=context)
+    recorder.send_signal(signal.SIGINT)
+    recorder.communicate(timeout=60)
+    assert set(inspect(tmp_path / "run").attached) == {"part.yaml"}
+    assert SECRET.encode() not in (tmp_path / "run" / "run.mcap").read_bytes()
+    # Who may not read the part may not read it in the recording.
+    assert (tmp_path / "run" / "run.mcap").stat().st_mode & 0o777 == 0o640
 
 
 def test_a_best_effort_camera_is_recorded_too(

@@ -1,5 +1,6 @@
 """Makes a sound recording of what can be read of another; the original is never touched."""
 
+import os
 import re
 import struct
 import time
@@ -81,6 +82,7 @@ def repair(source: Path, target: Path) -> Recovered:
 def _copied(source: Path, file: IO[bytes], size: int, writer: RecordingWriter) -> Recovered:
     recovered = Recovered()
     try:
+        writer.keep_as_private_as(os.fstat(file.fileno()).st_mode)
         _copy(file, size, writer, recovered)
         values = {
             "source": source.name,

@@ -7,6 +7,7 @@ import errno
 import hashlib
 import os
 import shutil
+import stat
 import threading
 import time
 from dataclasses import dataclass, field
@@ -133,6 +134,11 @@ class RecordingWriter:
         sums = {name: hashlib.sha256(data).hexdigest()}
         self._writer.add_metadata(f"{FILE_SUMS} {name}", sums)
 
+    def keep_as_private_as(self, mode: int) -> None:
+        """Take from group and others what they may not do with a file of this mode."""
+        own = stat.S_IMODE(os.fstat(self._file.fileno()).st_mode)
+        os.fchmod(self._file.fileno(), own & (0o700 | mode))
+
     def add_table(self, name: str, values: dict[str, str]) -> None:
         """Put a named table into the recording."""
         self._writer.add_metadata(name, values)
@@ -253,6 +259,7 @@ class RecordingWriter:
         self.path.parent.mkdir(parents=True, exist_ok=True)
         written = Path(f"/proc/self/fd/{self._file.fileno()}")
         with written.open("rb") as source, self.unfinished.open("xb") as copy:
+            os.fchmod(copy.fileno(), stat.S_IMODE(os.fstat(self._file.fileno()).st_mode))
             shutil.copyfileobj(source, copy, 8 << 20)
             copy.flush()
             os.fdatasync(copy.fileno())

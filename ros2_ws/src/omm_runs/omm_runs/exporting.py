@@ -2,6 +2,8 @@
 
 import csv
 import io
+import re
+import stat
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -66,7 +68,7 @@ def export(
             f"Expected another folder than the run's own, got {folder}: an export must not lie "
             "over the recording and its files."
         )
-    folder.mkdir(parents=True, exist_ok=True)
+    _make_empty(folder, find_run(run).recordings[0].stat().st_mode)
     written: list[Path] = []
 
     def write(name: str, content: str | bytes) -> None:
@@ -78,8 +80,7 @@ def export(
         if marks is None:
             marks = recorded_marks(recording)
         for attached in recording.attachments():
-            # Only the name: what is in a file must not choose where it is written.
-            write(Path(attached.name).name, attached.data)
+            write(_name_of(attached.name, written), attached.data)
         if POSES in recording.topics:
             write("poses.csv", _table(_POSE_COLUMNS, _pose_rows(recording)))
         if OBSERVATIONS in recording.topics:
@@ -96,6 +97,37 @@ def export(
                 raise InputError(f"The image of {stamp} cannot be written as PNG.")
             write(f"{stamp}.png", data.tobytes())
     return written
+
+
+def _make_empty(folder: Path, mode: int) -> None:
+    """Make the folder, or take an empty one: nothing that is there is written over.
+
+    Who may not read the recording (``mode``) may not enter the folder.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        own = stat.S_IMODE(folder.stat().st_mode)
+        folder.chmod(own & (0o700 | 0o070 * bool(mode & 0o040) | 0o007 * bool(mode & 0o004)))
+        there = next(folder.iterdir(), None)
+    except (OSError, ValueError) as error:
+        raise InputError(f"Cannot export to {folder}: {error}.") from error
+    if there is not None:
+        raise InputError(
+            f"Expected a new or an empty folder, got {folder}, where {there.name} is already."
+            " An export writes over nothing: name another folder."
+        )
+
+
+def _name_of(attached: str, written: Sequence[Path]) -> str:
+    """Return the name of a file from a recording: a plain one, and no other file's."""
+    # What is in a file must not choose where it is written, nor hide it.
+    plain = re.sub(r"[^\w .+()=,-]", "_", attached.replace("\\", "/").rpartition("/")[2])
+    plain = plain.lstrip(".").strip()[:100] or "attached"
+    name, number = plain, 1
+    while name in {*(path.name for path in written), "poses.csv", "observations.csv"}:
+        number += 1
+        name = f"{number}_{plain}"
+    return name
 
 
 def recorded_marks(recording: Recording) -> dict[int, list[Mark]]:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_core.errors import InputError, warn
+from omm_core.errors import InputError
 from omm_core.files.yaml_input import YamlSection, read_yaml
 
 Array = NDArray[np.float64]
@@ -119,6 +119,7 @@ def load_machine(path: str | Path) -> Machine:
     if _is_xml(path):
         return Machine(name=path.stem, urdf=path)
     root = read_yaml(path, "machine.yaml (or URDF)")
+    root.warn_unknown("machine", "uncertainty", "axes", "timing")
     machine = root.section("machine")
     _tell_unknown(machine, "machine")
     axes = root.section("axes") if "axes" in root else None
@@ -151,9 +152,7 @@ def _is_xml(path: Path) -> bool:
 
 def _tell_unknown(section: YamlSection, kind: str) -> None:
     """Warn of keys that nothing reads: a misspelt one would be taken as not told."""
-    for key in section.values:
-        if key not in _KNOWN[kind]:
-            warn(f"{section.where}: '{key}' is not read (known: {', '.join(_KNOWN[kind])}).")
+    section.warn_unknown(*_KNOWN[kind])
 
 
 def _up(machine: YamlSection) -> Array:

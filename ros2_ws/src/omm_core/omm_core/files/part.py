@@ -26,6 +26,10 @@ from omm_core.files.yaml_input import YamlSection, read_yaml
 
 Array = NDArray[np.float64]
 
+_KEYS = (
+    "part", "target_family", "targets", "covariance_mm2", "box_mm", "nominal", "tolerances", "jacks"
+)  # fmt: skip
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Target:
@@ -137,6 +141,7 @@ def load_part(path: str | Path) -> Part:
         Where the file is missing or malformed, a number is bad, or an id stands there twice.
     """
     root = read_yaml(path, "part file")
+    root.warn_unknown(*_KEYS)
     entries = root.get("targets")
     if not isinstance(entries, list) or not entries:
         raise InputError(f"{root.where}: expected a list of targets with at least one entry.")
@@ -161,6 +166,15 @@ def load_part(path: str | Path) -> Part:
         tolerances=read_tolerances(root),
         jacks=read_jacks(root),
     )
+
+
+def looks_like_part(path: str | Path) -> bool:
+    """Whether a file is YAML with a part's keys, so that its errors may be told to anybody."""
+    try:
+        values = read_yaml(path, "part file").values
+    except InputError:
+        return False
+    return {"part", "targets"} <= set(values)
 
 
 def _covariance(root: YamlSection, targets: tuple[Target, ...]) -> Array:
@@ -209,6 +223,7 @@ def _family(root: YamlSection) -> str:
 
 
 def _target(entry: YamlSection) -> Target:
+    entry.warn_unknown("id", "xyz_mm", "dot_diameter_mm", "normal", "sigma_xyz_mm")
     target_id = entry.integer("id", minimum=1)
     named = YamlSection(entry.values, f"{entry.where} (id {target_id})")
     return Target(
