@@ -25,6 +25,8 @@ PAPER_CALIBRATION = CameraCalibration(
     covariance=np.zeros((0, 0)),
 )
 BACKLASH_RAD = 6.15e-3
+EXACT_MACHINE = {"stop_sigma_mm": 0.0, "geometry_sigma_mm": 0.0, "trust_detector": True}
+"""Solve options under which the centres' own noise is the only one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from core_cells import EXACT_MACHINE
 from test_calibration_by_run import SENSOR, TRUTH, simulated
 
 from omm_core.adjustment import Block, Group, Problem, solve
@@ -26,7 +27,7 @@ def test_theta_and_covariance_are_those_of_the_7d_solver():
         taper_T_camera=RigidTransform.from_euler_xyz_rad(*TRUTH[10:], TRUTH[7:10]),
         covariance=np.zeros((0, 0)),
     )
-    options = SolveOptions(use_target_sigma=False, find_errors=False)
+    options = SolveOptions(use_target_sigma=False, find_errors=False, **EXACT_MACHINE)
     fast = solve_7d(seen, part, calibration, options)
 
     targets = [part.target(o.target_id) for o in seen]

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from core_cells import BACKLASH_RAD, PAPER_CALIBRATION, bench_cell, random_cell
+from core_cells import BACKLASH_RAD, EXACT_MACHINE, PAPER_CALIBRATION, bench_cell, random_cell
 from reference_model import predict
 
 from omm_core.errors import InputError
@@ -16,7 +16,7 @@ from omm_core.part_pose import Observation, SolveOptions, build_problem, solve
 from omm_core.part_pose.adjustment import adjust, refine
 from omm_core.part_pose.start import Start
 
-PLAIN = SolveOptions(find_errors=False)
+PLAIN = SolveOptions(find_errors=False, **EXACT_MACHINE)
 
 
 def truth_start(cell, problem):
@@ -237,7 +237,7 @@ def test_a_single_image_is_the_textbooks_resection():
         )
         for i, (x, y) in enumerate(image_mm)
     ]  # fmt: skip
-    options = SolveOptions(model="6d", find_errors=False)
+    options = SolveOptions(model="6d", find_errors=False, **EXACT_MACHINE)
     problem = build_problem(observations, part, calibration)
     problem = replace(problem, circles=problem.points)
     found = adjust(problem, options)[0]

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from core_cells import bench_cell
+from core_cells import EXACT_MACHINE, bench_cell
 from scipy.stats import chi2, kstest, ncx2
 
 from omm_core.part_pose import SolveOptions, build_problem, solve
@@ -12,7 +12,7 @@ from omm_core.part_pose.fit import fit
 from omm_core.part_pose.statistics import POWER, chi2_limit, noncentrality
 
 SIGMA_PX = 0.05
-PLAIN = SolveOptions(find_errors=False)
+PLAIN = SolveOptions(find_errors=False, **EXACT_MACHINE)
 
 
 @pytest.fixture
@@ -90,7 +90,9 @@ def test_external_reliability_is_what_an_undetected_error_does_to_theta(cell):
 
 def test_without_redundancy_nothing_is_checked(cell):
     one_each = [o for i, o in enumerate(cell.noisy(np.random.default_rng(1), 0.01)) if i % 2 == 0]
-    options = SolveOptions(model="6d", gamma_s_rad=cell.gamma_s_rad, find_errors=False)
+    options = SolveOptions(
+        model="6d", gamma_s_rad=cell.gamma_s_rad, find_errors=False, **EXACT_MACHINE
+    )
     statistics = fitted(cell, one_each[:3], options).statistics
     assert statistics.degrees_of_freedom == 0
     assert np.isnan(statistics.sigma0)

@@ -13,8 +13,9 @@ from core_cells import PAPER_CALIBRATION, bench_cell
 from omm_core.geometry import RigidTransform
 from omm_core.part_pose import SolveOptions, build_problem, solve
 from omm_core.part_pose.adjustment import Adjustment, adjust, predictions, refine
+from omm_core.part_pose.posterior import STOPS
 from omm_core.part_pose.start import Start
-from omm_core.part_pose.uncertainty import CALIBRATION, IMAGE, MACHINE, TARGETS, propagate
+from omm_core.part_pose.uncertainty import CALIBRATION, IMAGE, TARGETS, propagate
 
 SIGMA_PX = 0.02
 RUNS = int(os.environ.get("OMM_RUNS", "300"))
@@ -35,11 +36,11 @@ def calibration_covariance():
 SOURCES = {
     "centres": {},
     "targets": {"target_sigma_mm": np.array([0.01, 0.02, 0.03])},
-    "machine": {"machine_sigma_mm": 0.005},
+    "machine": {"stop_sigma_mm": 0.005},
     "calibration": {"calibrated": True},
     "all": {
         "target_sigma_mm": np.array([0.01, 0.02, 0.03]),
-        "machine_sigma_mm": 0.005,
+        "stop_sigma_mm": 0.005,
         "calibrated": True,
     },
 }
@@ -76,7 +77,7 @@ def simulated(random, cell, part, calibration, options):
             machine_T_spindle=RigidTransform(
                 rotation=o.machine_T_spindle.rotation,
                 translation_mm=o.machine_T_spindle.translation_mm
-                + random.normal(0, options.machine_sigma_mm, 3),
+                + random.normal(0, options.stop_sigma_mm or 0.0, 3),
             ),
         )
         for o in cell.observations
@@ -100,7 +101,7 @@ def simulated(random, cell, part, calibration, options):
 
 def errors_and_covariance(source, model, runs=RUNS):
     given = dict(SOURCES[source])
-    options = SolveOptions(model=model, machine_sigma_mm=given.pop("machine_sigma_mm", 0.0))
+    options = SolveOptions(model=model, stop_sigma_mm=given.pop("stop_sigma_mm", 0.0))
     cell, part, calibration = uncertain_cell(**given)
     options = replace(options, gamma_s_rad=cell.gamma_s_rad)
     random = np.random.default_rng(7)
@@ -172,10 +173,10 @@ def test_shares_sum_to_one_and_name_what_dominates():
     cell, part, calibration = uncertain_cell(
         target_sigma_mm=np.array([0.001, 0.001, 0.05]), calibrated=True
     )
-    options = SolveOptions(machine_sigma_mm=0.005)
+    options = SolveOptions(stop_sigma_mm=0.005, geometry_sigma_mm=0.0)
     observations = simulated(np.random.default_rng(3), cell, part, calibration, options)
     shares = solve(observations, part, calibration, options).shares
-    assert set(shares) == {IMAGE, MACHINE, TARGETS, CALIBRATION}
+    assert set(shares) == {IMAGE, STOPS, TARGETS, CALIBRATION}
     assert np.allclose(sum(shares.values()), 1.0, atol=1e-9)
     assert shares[TARGETS][0] > 0.8  # α stands on the targets' z
     assert shares[CALIBRATION][5] > 0.2  # z on what the calibration calls z and f

@@ -24,7 +24,7 @@ class Parameters:
     )  # fmt: skip
     gamma_s_rad: float = parameter(0.0, "Holder's angle in the 6d model.", read_only=False)
     machine_sigma_mm: float = parameter(
-        0.0, "Standard deviation of each axis' position at a stop; 0: taken as exact.",
+        0.0, "Standard deviation of each axis' position at a stop; 0: estimated from the run.",
         minimum=0.0, read_only=False,
     )  # fmt: skip
     standstill_tolerance_mm: float = parameter(
@@ -53,7 +53,7 @@ class Parameters:
         return SolveOptions(
             model=self.model,  # type: ignore[arg-type]
             gamma_s_rad=self.gamma_s_rad,
-            machine_sigma_mm=self.machine_sigma_mm,
+            stop_sigma_mm=self.machine_sigma_mm or None,
         )
 
     def measurement_options(self) -> MeasurementOptions:

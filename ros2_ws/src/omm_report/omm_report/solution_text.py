@@ -9,43 +9,57 @@ from omm_core.files.json_input import read_json
 from omm_core.session.quantities import THETA
 
 if TYPE_CHECKING:
+    from omm_core.part_pose.posterior import PoseStatement
+    from omm_runs.recorded_estimator import RecordedEstimate
     from omm_runs.solving import SolvedRun
-
-COVERAGE = 2.0
 
 
 def solution_lines(solved: "SolvedRun") -> list[str]:
     """The lines to print."""
     solution = solved.result.solution
-    truth = _truth(solved.run)
-    head = f"{'':<9}{'':<6}{'value':>13}{'U (k=2)':>11}"
-    if solved.recorded is not None:
-        head += f"{'- recorded':>14}"
-    if truth is not None:
-        head += f"{'- truth':>12}{'in sigma':>10}"
     used = sum(image.used for image in solved.result.images)
     lines = [
         f"{solved.run}: part {solved.result.part_name}, model {solution.model}",
         f"{used} of {len(solved.result.images)} images used, RMS {solution.rms_px:.4f} px, "
         f"sigma0 {solution.sigma0:.3f}, {solution.degrees_of_freedom} degrees of freedom",
         "",
-        head,
+        "in the machine's own coordinates (to align, to hand over)",
+        *_table(solution.own, solved.recorded, _truth(solved.run, "theta_own")),
+        "",
+        "absolute, in an ideal machine frame"
+        + (
+            "" if solution.geometry_declared else " (geometry not declared: longer errors not seen)"
+        ),
+        *_table(solution.absolute, None, _truth(solved.run, "theta")),
     ]
-    for k, quantity in enumerate(THETA):
-        name, unit, key, scale = quantity.name, quantity.unit, quantity.key, quantity.scale
-        value = float(solution.theta[k])
-        sigma = math.sqrt(max(float(solution.covariance[k, k]), 0.0))
-        line = f"{name:<9}{unit:<6}{value * scale:13.4f}{COVERAGE * sigma * scale:11.4f}"
-        if solved.recorded is not None:
-            line += f"{_difference(value, solved.recorded.theta_si[k], unit):>14}"
-        if truth is not None:
-            error = value - truth[key]
-            ratio = f"{error / sigma:.2f}" if sigma > 0.0 else "-"
-            line += f"{error * scale:12.4f}{ratio:>10}"
-        lines.append(line)
     lines += _images(solved)
+    lines += ["", *solution.remarks] if solution.remarks else []
     lines += [f"poorly determined: {words}" for words in solution.poor]
     lines += [f"found: {words}" for words in solved.result.findings]
+    return lines
+
+
+def _table(
+    told: "PoseStatement", recorded: "RecordedEstimate | None", truth: dict[str, float] | None
+) -> list[str]:
+    """One statement of the pose, with U that holds 95.45 % of errors."""
+    head = f"{'':<9}{'':<6}{'value':>13}{'U (95 %)':>11}"
+    if recorded is not None:
+        head += f"{'- recorded':>14}"
+    if truth is not None:
+        head += f"{'- truth':>12}{'of U':>8}"
+    lines = [head]
+    for k, quantity in enumerate(THETA):
+        name, unit, key, scale = quantity.name, quantity.unit, quantity.key, quantity.scale
+        value, U = float(told.theta[k]), float(told.expanded_uncertainty[k])
+        line = f"{name:<9}{unit:<6}{value * scale:13.4f}{U * scale:11.4f}"
+        if recorded is not None:
+            line += f"{_difference(value, recorded.theta_si[k], unit):>14}"
+        if truth is not None:
+            error = value - truth[key]
+            ratio = f"{error / U:.2f}" if U > 0.0 else "-"
+            line += f"{error * scale:12.4f}{ratio:>8}"
+        lines.append(line)
     return lines
 
 
@@ -71,14 +85,14 @@ def _images(solved: "SolvedRun") -> list[str]:
     return ["", *lines] if lines else []
 
 
-def _truth(run: Path) -> dict[str, float] | None:
-    """The simulated truth in the machine's own coordinates, where it lies beside the run."""
+def _truth(run: Path, which: str) -> dict[str, float] | None:
+    """The simulated truth, where it lies beside the run; of an exact machine there is one only."""
     path = (run if run.is_dir() else run.parent) / "truth.json"
     if not path.is_file():
         return None
     try:
         content = read_json(path, "truth")
-        theta = content.get("theta_own", content.get("theta", content))
+        theta = content.get(which, content.get("theta", content))
         return {quantity.key: float(theta[quantity.key]) for quantity in THETA}
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{path} does not tell a truth as expected: {error!r}") from error

@@ -2,14 +2,12 @@
 
 import json
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from omm_core.files.machine import Machine
 from omm_core.session.measurement import MeasurementOptions
 from omm_core.session.pairing import PairingOptions
 from omm_recording.reading import Recording
-
-if TYPE_CHECKING:
-    pass
 
 ESTIMATE = "/omm/estimate"
 EVENTS = "/parameter_events"
@@ -54,7 +52,7 @@ def _value(value: Any) -> Any:
     return getattr(value, f"{(*_SCALARS, *_ARRAYS)[value.type - 1]}_value") if value.type else None
 
 
-def options_from(settings: Settings) -> MeasurementOptions:
+def options_from(settings: Settings, machine: Machine | None = None) -> MeasurementOptions:
     """Pair, detect and solve as an estimator with these settings does; default where not set."""
     from omm_core.part_pose import SolveOptions
     from omm_core.targets import DetectionOptions
@@ -66,7 +64,12 @@ def options_from(settings: Settings) -> MeasurementOptions:
     for name in ("window", "gap"):
         if f"standstill_{name}_s" in settings:
             values[f"{name}_ns"] = round(settings[f"standstill_{name}_s"] * 1e9)
-    solve: SolveOptions = SolveOptions(**_of_class(SolveOptions, settings))
+    found_settings = _of_class(SolveOptions, settings)
+    if settings.get("machine_sigma_mm"):  # 0, and recordings of before: estimated from the run
+        found_settings.setdefault("stop_sigma_mm", settings["machine_sigma_mm"])
+    solve: SolveOptions = SolveOptions(**found_settings)
+    if machine is not None:
+        solve = solve.of_machine(machine.uncertainty)
     found = _of_class(DetectionOptions, settings)
     if "max_dot_diameter_px" in settings:
         found["max_diameter_px"] = settings["max_dot_diameter_px"]

@@ -14,6 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from omm_core.errors import InputError
+from omm_core.files.machine import Machine, load_machine
 from omm_core.files.part import Part, load_part
 from omm_core.imaging.calibration import CameraCalibration, load_calibration
 from omm_core.session.measurement import Measurement
@@ -41,6 +42,8 @@ if TYPE_CHECKING:
     from omm_core.session.result import MeasurementResult
     from omm_core.targets import Detection
 
+MACHINE_FILE = "machine.yaml"
+
 
 @dataclass(frozen=True, kw_only=True)
 class SolveRunOptions:
@@ -48,6 +51,7 @@ class SolveRunOptions:
 
     part_file: Path | None = None
     calibration_file: Path | None = None
+    machine_file: Path | None = None
     settings: Settings = field(default_factory=dict)
     """Parameters of the estimator that shall differ from those of the run."""
     without: frozenset[int] = frozenset()
@@ -95,8 +99,9 @@ def solve_run(run: Path, options: SolveRunOptions | None = None) -> SolvedRun:
         part = _part(recording, options.part_file, notices)
         calibration = _calibration(recording, options.calibration_file, notices)
         settings = recorded_settings(recording) | options.settings
-        measurement = Measurement(part, calibration, options_from(settings))
         recorded = recorded_estimate(recording)
+        machine = _machine(recording, options.machine_file, settings, notices)
+        measurement = Measurement(part, calibration, options_from(settings, machine))
         forgotten = recorded.forgotten if recorded is not None else frozenset()
         if recorded is not None and recorded.part != part.name:
             notices.append(f"live, the part was {recorded.part}; solved is {part.name}")
@@ -205,6 +210,30 @@ def _calibration(recording: Recording, named: Path | None, notices: list[str]) -
     if named:
         return load_calibration(named)
     return _load(recording, "camera.yaml", load_calibration, notices)
+
+
+def _machine(
+    recording: Recording, named: Path | None, settings: Settings, notices: list[str]
+) -> Machine | None:
+    """Load what is declared of the machine: named, or as the live estimator had it.
+
+    Where no estimator was running, the file beside the run serves, too.
+    """
+    if named:
+        return load_machine(named)
+    if settings.get("machine_file"):
+        inside = recording.attachment(MACHINE_FILE) is not None
+        if inside or recording.run.beside(MACHINE_FILE) is not None:
+            return _load(recording, MACHINE_FILE, load_machine, notices)
+        notices.append(
+            f"live, the machine was that of {settings['machine_file']}, which is not in the"
+            " recording: its errors are estimated from the run (--machine FILE declares them)"
+        )
+        return None
+    live = any(name in settings for name in ("part_file", "model"))
+    if not live and recording.run.beside(MACHINE_FILE) is not None:
+        return _load(recording, MACHINE_FILE, load_machine, notices)
+    return None
 
 
 def _load(recording: Recording, name: str, load: Any, notices: list[str]) -> Any:

@@ -27,6 +27,7 @@ class Outcome:
     message: str
     theta: tuple[float, ...]
     sigma: tuple[float, ...]
+    expanded_uncertainty: tuple[float, ...]
     rms_px: float
     images_used: int
     images: int
@@ -82,6 +83,7 @@ def _solve_one(run: Path, options: SolveRunOptions) -> Outcome:
         message="",
         theta=tuple(float(v) for v in solution.theta),
         sigma=tuple(math.sqrt(max(float(v), 0.0)) for v in solution.covariance.diagonal()),
+        expanded_uncertainty=tuple(float(v) for v in solution.expanded_uncertainty),
         rms_px=float(solution.rms_px),
         images_used=sum(image.used for image in result.images),
         images=len(result.images),
@@ -96,6 +98,7 @@ def _failure(run: Path, status: str, message: str) -> Outcome:
         message=message,
         theta=nothing,
         sigma=nothing,
+        expanded_uncertainty=nothing,
         rms_px=math.nan,
         images_used=0,
         images=0,
@@ -107,10 +110,11 @@ def table_text(outcomes: Sequence[Outcome]) -> str:
     keys = [quantity.key for quantity in THETA]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    sigmas = [f"sigma_{key}" for key in keys]
-    writer.writerow(["run", "status", *keys, *sigmas, "rms_px", "images_used", "images", "message"])
+    columns = [*keys, *(f"sigma_{key}" for key in keys), *(f"U_{key}" for key in keys), "rms_px"]
+    writer.writerow(["run", "status", *columns, "images_used", "images", "message"])
     for o in outcomes:
-        numbers = ["" if math.isnan(v) else repr(v) for v in (*o.theta, *o.sigma, o.rms_px)]
+        values = (*o.theta, *o.sigma, *o.expanded_uncertainty, o.rms_px)
+        numbers = ["" if math.isnan(v) else repr(v) for v in values]
         writer.writerow([o.run, o.status, *numbers, o.images_used, o.images, o.message])
     return text.getvalue()
 

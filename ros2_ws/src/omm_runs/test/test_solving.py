@@ -145,7 +145,7 @@ def test_the_command_prints_a_table_and_writes_json(
     assert omm(["solve", str(bench), "--json", str(out)]) == 0
     assert json.loads(out.read_text()) == json.loads(solved_bench)
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines[4:11]] == [
+    assert [line.split()[0] for line in lines[5:12]] == [
         *("alpha", "beta", "gamma", "x", "y", "z", "gamma_s")
     ]
 

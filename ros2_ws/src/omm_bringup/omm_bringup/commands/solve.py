@@ -16,6 +16,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--calibration", metavar="FILE", type=Path, help="calibration (default: the run's)"
     )
     parser.add_argument(
+        "--machine",
+        metavar="FILE",
+        type=Path,
+        help="machine.yaml: how exact it is (default: as measured live, or else estimated)",
+    )
+    parser.add_argument(
         "--model", choices=("7d", "6d"), help="default: as measured live, or else 7d"
     )
     parser.add_argument(
@@ -68,6 +74,7 @@ def _options(arguments: argparse.Namespace):  # type: ignore[no-untyped-def]
     return SolveRunOptions(
         part_file=arguments.part,
         calibration_file=arguments.calibration,
+        machine_file=arguments.machine,
         settings={name: value for name, value in given.items() if value is not None},
         without=frozenset(arguments.without),
         image_topic=arguments.image_topic,

@@ -60,7 +60,10 @@ def _trial(
         taper_T_camera=RigidTransform.from_euler_xyz_rad(np.pi, 0.0, 0.0),
         covariance=np.zeros((0, 0)),
     )
-    options = SolveOptions(use_target_sigma=False, find_errors=False)
+    options = SolveOptions(
+        use_target_sigma=False, find_errors=False,
+        stop_sigma_mm=0.0, geometry_sigma_mm=0.0, trust_detector=True,
+    )  # fmt: skip
     solution = solve(seen, part, calibration, options)
     if not np.isfinite(solution.theta).all():
         return None

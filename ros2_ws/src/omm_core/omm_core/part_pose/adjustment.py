@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.geometry import euler_xyz_rad_from_rotation
-from omm_core.part_pose.kernels import gauss_newton, predict_all
+from omm_core.part_pose.kernels import gauss_newton, predict_all, rotate
 from omm_core.part_pose.problem import Problem, SolveOptions
 from omm_core.part_pose.start import GAMMA_STEPS, Start, find_starts
 
@@ -144,6 +144,16 @@ def adjust(problem: Problem, options: SolveOptions) -> list[Adjustment]:
 def _rms_px(problem: Problem, adjustment: Adjustment) -> float:
     information = float(problem.information[:, [0, 2]].sum())
     return float(np.sqrt(adjustment.cost / information))
+
+
+def moved(adjustment: Adjustment, step: Array) -> Adjustment:
+    """Return the pose after a step (ω, d_0, γ_s), (6,) or (7,)."""
+    rotation = np.empty((3, 3))
+    rotate(adjustment.rotation, step[0], step[1], step[2], rotation)
+    gamma_s = adjustment.gamma_s_rad + (float(step[6]) if len(step) == 7 else 0.0)
+    return replace(
+        adjustment, rotation=rotation, d0_mm=adjustment.d0_mm + step[3:6], gamma_s_rad=gamma_s
+    )
 
 
 def predictions(problem: Problem, adjustment: Adjustment) -> tuple[Array, Array]:

@@ -96,10 +96,7 @@ def fit(problem: Problem, options: SolveOptions, near: Sequence[Adjustment] | No
         )
     best = propagation.adjustment
     words_missing, poor = not_determined(problem, best, propagation.covariance, options)
-    for other in minima[1:]:
-        if other.cost - minima[0].cost < _AS_LIKELY and _apart(other, minima[0]):
-            words_missing.append(ambiguous(other, minima[0]))
-            break
+    words_missing += as_likely(minima, best, scale=1.0)
     if not best.converged:
         words_missing.append("all: the least squares did not converge; take more images.")
     return Fit(
@@ -111,6 +108,14 @@ def fit(problem: Problem, options: SolveOptions, near: Sequence[Adjustment] | No
         minima=tuple(minima),
         propagation=propagation,
     )
+
+
+def as_likely(minima: Sequence[Adjustment], best: Adjustment, scale: float) -> list[str]:
+    """Return words for a second pose that fits as well; ``scale``: cost of a degree of freedom."""
+    for other in minima[1:]:
+        if other.cost - minima[0].cost < _AS_LIKELY * scale and _apart(other, minima[0]):
+            return [ambiguous(other, best)]
+    return []
 
 
 def _apart(other: Adjustment, best: Adjustment) -> bool:

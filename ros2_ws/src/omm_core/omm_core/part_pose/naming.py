@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -61,21 +62,38 @@ def describe(
     )
 
 
-def all_wrong(problem: Problem, rms_px: float) -> str:
+def all_wrong(problem: Problem, rms_px: float, worst_machine_mm: float) -> str:
     """Return words for observations that fit no pose, without one to blame."""
     return (
-        f"all: the images contradict each other by {rms_px:.1f} px, and leaving out one image or"
-        " target does not mend it: check that part file, calibration and spindle poses belong"
-        " together."
+        f"all: the images contradict each other by {rms_px:.1f} px, more than a machine whose"
+        f" geometry errs by {worst_machine_mm:g} mm (worst_machine_mm) explains, and leaving out"
+        " one image or target does not mend it: check that part file, calibration and spindle"
+        " poses belong together."
     )
 
 
-def cannot_tell(sigma0: float) -> str:
+def cannot_tell(rms_px: float, worst_machine_mm: float) -> str:
     """Return words for a contradiction among too few observations."""
     return (
-        f"all: the images contradict each other ({sigma0:.0f} times what their uncertainties"
-        " explain), and there are too few to tell which is wrong: take another image of each"
-        " target."
+        f"all: the images contradict each other by {rms_px:.1f} px, more than a machine whose"
+        f" geometry errs by {worst_machine_mm:g} mm (worst_machine_mm) explains, and there are too"
+        " few to tell which is wrong: take another image of each target."
+    )
+
+
+def cannot_tell_which(words: Sequence[str]) -> str:
+    """Return words for several explanations of which any may be true."""
+    return (
+        "all: the images contradict each other, and there are too few to tell which is wrong."
+        f" Either {'; or '.join(words)}. Take another image of each."
+    )
+
+
+def cannot_leave_out(words: str) -> str:
+    """Return words for something wrong without which too little is left."""
+    return (
+        f"all: {words}; without it there are too few images to solve: take it anew, or more images"
+        " of the other targets."
     )
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omm_core.errors import InputError
+from omm_core.files.machine import MachineUncertainty
 from omm_core.files.part import Part
 from omm_core.geometry import RigidTransform
 from omm_core.imaging.calibration import CameraCalibration
@@ -57,8 +58,15 @@ class SolveOptions:
         In 6D γ_s is given.
     gamma_s_rad : float
         γ_s of the 6D model.
-    machine_sigma_mm : float
-        Standard deviation of each axis' position at each stop; 0 where taken as exact.
+    stop_sigma_mm, geometry_sigma_mm, geometry_length_mm : float or None
+        How exact the machine is, as in machine.yaml (files/machine.py); None: estimated from the
+        run; all 0: without errors.
+    worst_machine_mm : float
+        No machine's geometry errs by more (standard deviation; its stops by a quarter of that):
+        residuals that need more are a contradiction, not noise.
+    trust_detector : bool
+        Whether the centres are as exact as the detector says; else, where images show several
+        targets, they may be worse.
     use_target_sigma, use_calibration_covariance : bool
         Whether what the files tell of their own uncertainty is taken into account.
     circle_centre : CircleCentre
@@ -71,7 +79,11 @@ class SolveOptions:
 
     model: Model = "7d"
     gamma_s_rad: float = 0.0
-    machine_sigma_mm: float = 0.0
+    stop_sigma_mm: float | None = None
+    geometry_sigma_mm: float | None = None
+    geometry_length_mm: float | None = None
+    worst_machine_mm: float = 0.1
+    trust_detector: bool = False
     use_target_sigma: bool = True
     use_calibration_covariance: bool = True
     circle_centre: CircleCentre = CircleCentre.OUTLINE
@@ -81,8 +93,14 @@ class SolveOptions:
     def __post_init__(self) -> None:
         if self.model not in ("7d", "6d"):
             raise InputError(f"Expected the model '7d' or '6d', got {self.model!r}.")
-        if not (np.isfinite(self.machine_sigma_mm) and self.machine_sigma_mm >= 0.0):
-            raise InputError(f"Expected machine_sigma_mm >= 0, got {self.machine_sigma_mm}.")
+        for name in ("stop_sigma_mm", "geometry_sigma_mm"):
+            sigma = getattr(self, name)
+            if sigma is not None and not (np.isfinite(sigma) and sigma >= 0.0):
+                raise InputError(f"Expected {name} >= 0, got {sigma}.")
+        for name in ("geometry_length_mm", "worst_machine_mm"):
+            length = getattr(self, name)
+            if length is not None and not (np.isfinite(length) and length > 0.0):
+                raise InputError(f"Expected {name} > 0, got {length}.")
         if not np.isfinite(self.gamma_s_rad):
             raise InputError(f"Expected a finite gamma_s_rad, got {self.gamma_s_rad}.")
 
@@ -90,6 +108,17 @@ class SolveOptions:
     def unknowns(self) -> int:
         """7 or 6."""
         return 7 if self.model == "7d" else 6
+
+    def of_machine(self, declared: MachineUncertainty) -> SolveOptions:
+        """Return the same for a machine of which something is declared; what is set here stays."""
+        return replace(
+            self,
+            **{
+                field.name: getattr(declared, field.name)
+                for field in fields(declared)
+                if getattr(self, field.name) is None
+            },
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -10,18 +10,22 @@ from numpy.typing import NDArray
 
 from omm_core.files.part import Part
 from omm_core.imaging.calibration import CameraCalibration
-from omm_core.part_pose.adjustment import adjust, predictions
-from omm_core.part_pose.fit import Fit
+from omm_core.part_pose.adjustment import Adjustment, adjust, moved, predictions
+from omm_core.part_pose.blunders import Found, search_blunders
+from omm_core.part_pose.fit import as_likely
+from omm_core.part_pose.machine_noise import MachineNoise, summarise
+from omm_core.part_pose.machine_words import better_than_declared, disagreement, remarks
 from omm_core.part_pose.naming import MIRRORED, all_wrong, cannot_tell
+from omm_core.part_pose.observability import not_determined
+from omm_core.part_pose.posterior import NO_POSE, PoseStatement, Posterior
 from omm_core.part_pose.problem import Observation, Problem, SolveOptions, build_problem
-from omm_core.part_pose.snooping import Search, search
-from omm_core.part_pose.statistics import Statistics
+from omm_core.part_pose.statistics import Statistics, analyse_posterior, chi2_limit
 
 Array = NDArray[np.float64]
 
-_CONTRADICTION_PX = 2.0  # residuals that no underestimated noise explains
-_CONTRADICTION_SIGMA0 = 30.0
-_ENOUGH_TO_JUDGE = 3  # degrees of freedom from which σ0 tells more than that something is wrong
+_MIRRORED_PX = 2.0  # residuals below which mirrored images fit
+_ENOUGH_TO_JUDGE = 3  # degrees of freedom from which residuals tell more than that all is wrong
+_DOUBTED = 0.001  # error probability of the test of a declared machine
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -34,13 +38,17 @@ class Solution:
         "7d" or "6d".
     determined : bool
         Where False, theta and covariance are NaN and ``missing`` says why.
-    theta : (7,) array
-        (α, β, γ, x, y, z, γ_s), rad and mm.
-    covariance : (7, 7) array
-        In the order of theta. In 6D the row and column of γ_s are zero.
+    own : PoseStatement
+        In the machine's own coordinates (noise_model.py): what alignment and hand-over need.
+    absolute : PoseStatement
+        In ideal coordinates: believable where the machine's geometry is declared.
+    geometry_declared : bool
+        Whether it is.
+    machine : MachineNoise or None
+        How exact the machine is, as declared or as the run shows; None where not determined.
     covariance_factor : float
-        What the covariance was multiplied with: above 1 where the residuals are larger than all
-        known uncertainty explains.
+        What the covariances were multiplied with: above 1 where the residuals are larger than the
+        declared machine explains.
     shares : dict of (7,) arrays
         Fraction of each parameter's variance by source; they sum to 1.
     observations : tuple of Observation
@@ -52,16 +60,19 @@ class Solution:
         Computed minus measured, also of those not used.
     statistics : Statistics or None
         Of the observations used, in their order.
-    missing, poor, findings : tuples of str
-        What is not determined; what is determined poorly; what was found wrong.
+    missing, poor, findings, remarks : tuples of str
+        What is not determined; what is determined poorly; what was found wrong; what else a person
+        should know.
     """
 
     model: str
     determined: bool
     converged: bool
     iterations: int
-    theta: Array
-    covariance: Array
+    own: PoseStatement
+    absolute: PoseStatement
+    geometry_declared: bool
+    machine: MachineNoise | None
     covariance_factor: float
     shares: dict[str, Array]
     rms_px: float
@@ -73,6 +84,22 @@ class Solution:
     missing: tuple[str, ...]
     poor: tuple[str, ...]
     findings: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+    @property
+    def theta(self) -> Array:
+        """Return (α, β, γ, x, y, z, γ_s), rad and mm, in the machine's own coordinates."""
+        return self.own.theta
+
+    @property
+    def covariance(self) -> Array:
+        """Return the covariance of theta, (7, 7). In 6D the row and column of γ_s are zero."""
+        return self.own.covariance
+
+    @property
+    def expanded_uncertainty(self) -> Array:
+        """Return U of theta, (7,): 95.45 % of errors are smaller, whatever the distribution."""
+        return self.own.expanded_uncertainty
 
     @property
     def sigma0(self) -> float:
@@ -109,24 +136,24 @@ def solve(
     """
     options = options or SolveOptions()
     problem = build_problem(observations, part, calibration, options.circle_centre)
-    found = search(problem, options)
-    found = _judge_contradiction(problem, found, options)
-    return _solution(problem, found, options)
+    found = search_blunders(problem, options)
+    found = _refuse_contradiction(problem, found, options)
+    return _solution(problem, _judge_determined(found, options), options)
 
 
-def _judge_contradiction(problem: Problem, found: Search, options: SolveOptions) -> Search:
-    """Refuse residuals that no noise explains; smaller ones enlarge the covariance."""
-    propagation, statistics = found.fit.propagation, found.fit.statistics
-    if propagation is None or statistics is None or statistics.passed or not options.find_errors:
+def _refuse_contradiction(problem: Problem, found: Found, options: SolveOptions) -> Found:
+    """Refuse residuals that no machine explains; smaller ones are noise, and the noise is told."""
+    propagation = found.fit.propagation
+    if not found.contradictory or propagation is None or not options.find_errors:
         return found
     rms_px = _rms(propagation.raw_residuals_px)
-    noise = rms_px < _CONTRADICTION_PX and statistics.sigma0 < _CONTRADICTION_SIGMA0
-    if noise and statistics.degrees_of_freedom >= _ENOUGH_TO_JUDGE:
-        return found
-    if statistics.degrees_of_freedom < _ENOUGH_TO_JUDGE:
-        words = cannot_tell(statistics.sigma0)
-        return replace(found, fit=replace(found.fit, missing=(*found.fit.missing, words)))
-    words = MIRRORED if _fits_mirrored(problem, options, rms_px) else all_wrong(problem, rms_px)
+    worst_mm = options.worst_machine_mm
+    if found.fit.degrees_of_freedom < _ENOUGH_TO_JUDGE:
+        words = cannot_tell(rms_px, worst_mm)
+    elif _fits_mirrored(problem, options, rms_px):
+        words = MIRRORED
+    else:
+        words = all_wrong(problem, rms_px, worst_mm)
     return replace(found, fit=replace(found.fit, missing=(*found.fit.missing, words)))
 
 
@@ -138,63 +165,92 @@ def _fits_mirrored(problem: Problem, options: SolveOptions, rms_px: float) -> bo
     if not minima:
         return False
     residuals = predictions(other, minima[0])[0] - mirrored
-    return _rms(residuals) < min(_CONTRADICTION_PX, rms_px / 10)
+    return _rms(residuals) < min(_MIRRORED_PX, rms_px / 10)
 
 
-def _solution(problem: Problem, found: Search, options: SolveOptions) -> Solution:
-    fit = found.fit
-    theta, covariance = np.full(7, np.nan), np.full((7, 7), np.nan)
+def _judge_determined(found: Found, options: SolveOptions) -> Found:
+    """Say what is not determined, given the noise that there is."""
+    fit, estimated = found.fit, found.posterior
+    if fit.missing or estimated is None or fit.best is None:
+        return found
+    covariance = estimated.local_covariance(own=True)
+    missing, poor = not_determined(fit.problem, fit.best, covariance, options)
+    cost, freedom = fit.minima[0].cost, fit.degrees_of_freedom
+    scale = max(1.0, cost / freedom) if freedom > 0 else 1.0
+    missing += as_likely(fit.minima, fit.best, scale)
+    return replace(found, fit=replace(fit, missing=tuple(missing), poor=tuple(poor)))
+
+
+def _solution(problem: Problem, found: Found, options: SolveOptions) -> Solution:
+    fit, estimated = found.fit, found.posterior
+    determined = fit.determined and estimated is not None
+    own = absolute = NO_POSE
+    noise: MachineNoise | None = None
     shares: dict[str, Array] = {}
-    factor, findings = 1.0, list(found.findings)
+    factor, findings, told = 1.0, found.findings, ()
+    shown = fit.best
+    if determined and estimated is not None:
+        factor, wrong, doubts = _factor(estimated, options)
+        findings = (*findings, *wrong)
+        own = _enlarged(estimated.statement(own=True), factor)
+        absolute = _enlarged(estimated.statement(own=False), factor)
+        shown = moved(estimated.model.adjustment, estimated.local_mean(own=False))
+        shares = estimated.shares()
+        noise = summarise(estimated.grid, estimated.weight)
+        told = (*remarks(problem, noise, shares, options.unknowns), *doubts)
     residuals = np.full((len(problem), 2), np.nan)
-    if fit.best is not None:
-        residuals = predictions(problem, fit.best)[0] - problem.measured
-    if fit.determined and fit.best is not None and fit.propagation is not None:
-        theta = fit.best.theta(problem.X0_mm)
-        to_theta = fit.best.d_theta_d_local(problem.X0_mm)
-        covariance = to_theta @ fit.propagation.covariance @ to_theta.T
-        variances = {
-            name: np.diag(to_theta @ share @ to_theta.T)
-            for name, share in fit.propagation.shares.items()
-        }
-        total = np.where(np.diag(covariance) > 0, np.diag(covariance), 1.0)
-        shares = {name: variance / total for name, variance in variances.items()}
-        factor = _factor(fit)
-        covariance = covariance * factor
-        if factor > 1.0:
-            findings.append(
-                f"the residuals are {np.sqrt(factor):.1f} times larger than the known"
-                " uncertainties explain, and no single image or target stands out: the covariance"
-                f" is enlarged by {factor:.1f} (set machine_sigma_mm, or sigma_xyz_mm of the"
-                " targets?)"
-            )
+    if shown is not None:
+        residuals = predictions(problem, shown)[0] - problem.measured
     return Solution(
         model=options.model,
-        determined=fit.determined,
-        converged=fit.determined and fit.best is not None and fit.best.converged,
+        determined=determined,
+        converged=determined and _converged(fit.best),
         iterations=fit.best.iterations if fit.best is not None else 0,
-        theta=theta,
-        covariance=covariance,
+        own=own,
+        absolute=absolute,
+        geometry_declared=options.geometry_sigma_mm is not None,
+        machine=noise,
         covariance_factor=factor,
         shares=shares,
         rms_px=_rms(residuals[~found.dropped]),
         observations=problem.observations,
-        used=~found.dropped if fit.determined else np.zeros(len(problem), dtype=bool),
+        used=~found.dropped if determined else np.zeros(len(problem), dtype=bool),
         reasons=tuple(found.reasons.get(index) for index in range(len(problem))),
         residuals_px=residuals,
-        statistics=fit.statistics,
+        statistics=None if estimated is None else analyse_posterior(estimated, options),
         missing=fit.missing,
         poor=fit.poor,
-        findings=tuple(findings),
+        findings=findings,
+        remarks=told,
     )
 
 
-def _factor(fit: Fit) -> float:
-    """Return what the covariance must be multiplied with to agree with the residuals."""
-    statistics = fit.statistics
-    if statistics is None or statistics.passed or statistics.degrees_of_freedom < 1:
-        return 1.0
-    return max(1.0, statistics.sigma0**2)
+def _converged(best: Adjustment | None) -> bool:
+    return best is not None and best.converged
+
+
+def _factor(
+    estimated: Posterior, options: SolveOptions
+) -> tuple[float, tuple[str, ...], tuple[str, ...]]:
+    """Return what a declared machine's covariance must be multiplied with, findings, remarks."""
+    declared = (options.stop_sigma_mm, options.geometry_sigma_mm)
+    m = estimated.model.redundancy
+    if all(sigma is None for sigma in declared) or m < 1:
+        return 1.0, (), ()
+    cost = float(estimated.weight @ estimated.fit)
+    if cost > chi2_limit(m, _DOUBTED):
+        return cost / m, (disagreement(float(np.sqrt(cost / m))),), ()
+    if cost < chi2_limit(m, 1.0 - _DOUBTED):
+        return 1.0, (), (better_than_declared(float(np.sqrt(m / cost))),)
+    return 1.0, (), ()
+
+
+def _enlarged(statement: PoseStatement, factor: float) -> PoseStatement:
+    return PoseStatement(
+        theta=statement.theta,
+        covariance=statement.covariance * factor,
+        expanded_uncertainty=statement.expanded_uncertainty * np.sqrt(factor),
+    )
 
 
 def _rms(residuals_px: Array) -> float:

@@ -25,6 +25,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from omm_core.part_pose.posterior import Posterior
 from omm_core.part_pose.problem import SolveOptions
 from omm_core.part_pose.uncertainty import Propagation
 
@@ -86,6 +87,62 @@ def noncentrality(significance: float) -> float:
     from scipy.special import chndtrinc
 
     return float(chndtrinc(chi2_limit(2, significance), 2, 1.0 - POWER))
+
+
+def analyse_posterior(estimated: Posterior, options: SolveOptions) -> Statistics:
+    """Return the statistics of a solution whose noise is correlated and was estimated.
+
+    With V the mean covariance of all noise and ``W = Kᵀ (K V Kᵀ)⁻¹ K``, the redundancy is the trace
+    of (W V) at an observation, and the rest as above with W_ii in the place of Q_v,i. The cost is
+    the mean over the machines that there may be.
+    """
+    model = estimated.model
+    u, count, m = model.unknowns, len(model.problem), model.redundancy
+    degrees_of_freedom = m
+    cost = float(estimated.weight @ estimated.fit)
+    each = options.significance / count
+    sigma0 = np.sqrt(cost / m) if m > 0 else np.nan
+    C = np.asarray(sum(estimated.components.values()))
+    K = model.split[u:]
+    weighed = np.linalg.solve(C[u:, u:], K) if m else np.zeros_like(K)
+    of_noise = np.hstack([np.linalg.inv(model.split)[:, :u], K.T])  # split⁻¹
+    redundancy = np.einsum("mi,mi->i", weighed, C[u:] @ of_noise.T).reshape(count, 2)
+    whitening = model.whitening
+    blocks = np.einsum("mni,mnj->nij", K.reshape(m, count, 2), weighed.reshape(m, count, 2))
+    W = np.swapaxes(whitening, 1, 2) @ blocks @ whitening
+    misfit = (weighed.T @ model.u_z[u:]).reshape(count, 2)
+    mu, axes = np.linalg.eigh(blocks)
+    checked = mu[:, 0] > _UNCHECKED * np.maximum(mu[:, 1], 1e-300)
+    smallest, direction = np.linalg.eigh(W)
+    gain = model.split[:u] - C[:u, u:] @ weighed
+    to_theta = model.adjustment.d_theta_d_local(model.problem.X0_mm)[:, :u]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        along = np.einsum("nij,ni->nj", axes, misfit)
+        w_test = np.sqrt(np.sum(along**2 / mu, axis=1))
+        detectable = np.sqrt(noncentrality(each) / np.where(checked, smallest[:, 0], np.nan))
+        error = np.einsum("nij,nj->ni", whitening, direction[:, :, 0]) * detectable[:, None]
+        local = np.einsum("uni,ni->nu", gain.reshape(u, count, 2), error)
+    sigma = local_sigma(estimated.local_covariance(own=True)[:u, :u], local)
+    return Statistics(
+        sigma0=float(sigma0),
+        degrees_of_freedom=degrees_of_freedom,
+        global_test=cost,
+        global_limit=chi2_limit(degrees_of_freedom, options.significance),
+        redundancy=np.clip(redundancy.mean(axis=1), 0.0, 1.0),
+        w_test=np.where(checked, w_test, np.nan),
+        w_limit=float(np.sqrt(chi2_limit(2, each))),
+        smallest_detectable_px=np.where(checked, detectable, np.inf),
+        external_sigma=np.where(checked, sigma, np.inf),
+        external_theta=np.where(checked[:, None], local @ to_theta.T, np.inf),
+    )
+
+
+def local_sigma(covariance: Array, changes: Array) -> Array:
+    """Return how many standard deviations changes (N, u) of the unknowns are, (N,)."""
+    scale = np.sqrt(np.diag(covariance))
+    with np.errstate(invalid="ignore"):
+        white = np.linalg.solve(covariance / np.outer(scale, scale), (changes / scale).T)
+        return np.asarray(np.sqrt(np.sum(white.T * (changes / scale), axis=1)))
 
 
 def analyse(propagation: Propagation, d_theta_d_local: Array, options: SolveOptions) -> Statistics:

@@ -15,14 +15,14 @@ the centres, ``Q_θ. A_l Q_.θ`` is theirs, and ``Q_θs Q_sθ`` that of each s.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.numerics.linear_algebra import inverse
-from omm_core.part_pose.adjustment import Adjustment, predictions
-from omm_core.part_pose.kernels import predict_all, rotate
+from omm_core.part_pose.adjustment import Adjustment, moved, predictions
+from omm_core.part_pose.kernels import predict_all
 from omm_core.part_pose.problem import Problem, SolveOptions
 
 Array = NDArray[np.float64]
@@ -89,7 +89,7 @@ def propagate(problem: Problem, adjustment: Adjustment, options: SolveOptions) -
         step = -cofactor @ gradient
         if not len(z) or np.sqrt(abs(step @ gradient)) < _CONVERGED_SIGMA:
             break
-        adjustment = _moved(adjustment, step[:u])
+        adjustment = moved(adjustment, step[:u])
         z = z + step[u:]
     covariance = np.zeros((7, 7))
     covariance[:u, :u] = cofactor[:u, :u]
@@ -131,25 +131,16 @@ def _invert(design: Array, u: int) -> tuple[Array, Array]:
     return from_centres, cofactor
 
 
-def _moved(adjustment: Adjustment, step: Array) -> Adjustment:
-    rotation = np.empty((3, 3))
-    rotate(adjustment.rotation, step[0], step[1], step[2], rotation)
-    gamma_s = adjustment.gamma_s_rad + (float(step[6]) if len(step) == 7 else 0.0)
-    return replace(
-        adjustment, rotation=rotation, d0_mm=adjustment.d0_mm + step[3:6], gamma_s_rad=gamma_s
-    )
-
-
 def _nuisance(
     problem: Problem, adjustment: Adjustment, options: SolveOptions
 ) -> tuple[dict[str, slice], Array]:
     """Return where each source's z are, and B (N, 2, m)."""
     _, J = predictions(problem, adjustment)
     blocks: dict[str, Array] = {}
-    if options.machine_sigma_mm > 0.0:
+    if options.stop_sigma_mm:
         # The camera moving by d is the part moving by -d.
         blocks[MACHINE] = _spread(
-            -J[:, :, 3:6] * options.machine_sigma_mm, problem.image_of, len(problem.stamps_ns)
+            -J[:, :, 3:6] * options.stop_sigma_mm, problem.image_of, len(problem.stamps_ns)
         )
     sigmas = _target_sigmas(problem)
     if options.use_target_sigma and np.any(sigmas > 0.0):

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omm_core.part_pose import THETA_NAMES, Solution
+from omm_core.part_pose.machine_noise import MachineNoise
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +88,17 @@ class MeasurementResult:
             "model": solution.model,
             "converged": solution.converged,
             "theta": {n: _number(v) for n, v in zip(THETA_NAMES, solution.theta)},
-            "covariance": [[_number(v) for v in row] for row in solution.covariance],
+            "covariance": _matrix(solution.covariance),
+            "expanded_uncertainty": [_number(v) for v in solution.expanded_uncertainty],
+            "absolute": {
+                "theta": {n: _number(v) for n, v in zip(THETA_NAMES, solution.absolute.theta)},
+                "covariance": _matrix(solution.absolute.covariance),
+                "expanded_uncertainty": [
+                    _number(v) for v in solution.absolute.expanded_uncertainty
+                ],
+                "declared": solution.geometry_declared,
+            },
+            "machine": _machine_dict(solution.machine),
             "rms_px": _number(solution.rms_px),
             "sigma0": _number(solution.sigma0),
             "degrees_of_freedom": int(solution.degrees_of_freedom),
@@ -100,6 +112,7 @@ class MeasurementResult:
             "missing": list(self.missing),
             "poorly_determined": list(solution.poor),
             "findings": list(self.findings),
+            "remarks": list(solution.remarks),
             "statistics": _statistics_dict(solution),
             "variance_shares": {
                 source: {n: _number(v) for n, v in zip(THETA_NAMES, share)}
@@ -107,6 +120,26 @@ class MeasurementResult:
             },
             "images_per_target": {str(k): v for k, v in self.images_per_target.items()},
         }
+
+
+def _matrix(values: NDArray[np.float64]) -> list[list[float | None]]:
+    return [[_number(v) for v in row] for row in values]
+
+
+def _machine_dict(noise: MachineNoise | None) -> dict[str, Any] | None:
+    """Return the machine's noise: medians, and what holds 90 % of each one's probability."""
+    if noise is None:
+        return None
+    levels = {
+        name: getattr(noise, name)
+        for name in ("stop_sigma_mm", "geometry_sigma_mm", "geometry_length_mm")
+    }
+    return {
+        **{name: level.median for name, level in levels.items()},
+        "estimated": list(noise.estimated),
+        "ranges": {name: [level.low, level.high] for name, level in levels.items()},
+        "image_scale": noise.image_scale,
+    }
 
 
 def _observation_dict(outcome: ObservationOutcome) -> dict[str, Any]:

@@ -1,0 +1,291 @@
+"""The posterior of the machine's noise and of the pose, compiled.
+
+``y = A δ + n`` is a problem made linear about its optimum (noise_model.py). With P A = 1 and
+K A = 0, ``u = P y`` and ``z = K y`` hold what the data say: z has no part of δ in it and tells of
+the noise alone. A machine g gives the noise the covariance
+
+    C_g = C_0 + κ² C_image + σ_stop² C_stop + σ_geometry² C_l,
+
+each matrix (u + m, u + m) in the order (u, z). Its probability is ∝ prior · N(z; 0, C_zz), and
+the pose that it would mean is ``u - C_uz C_zz⁻¹ z`` with covariance ``C_uu - C_uz C_zz⁻¹ C_zu``:
+generalised least squares. Two statements (own and absolute coordinates) differ in C_uu and C_uz of
+the geometry only, so that both come from one factor of C_zz.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+_FASTMATH = {"contract", "reassoc", "arcp", "nsz"}
+_compiled = njit(cache=True, error_model="numpy", fastmath=_FASTMATH)
+_NEGLIGIBLE = 1e-9  # of the largest weight
+
+
+@_compiled
+def _factor(C, m, L):
+    """Fill the lower Cholesky factor of C (m, m), 1/diagonal on its diagonal; return ln |C|."""
+    log_determinant = 0.0
+    for j in range(m):
+        value = C[j, j]
+        for k in range(j):
+            value -= L[j, k] * L[j, k]
+        if not value > 0.0:
+            return np.inf
+        log_determinant += math.log(value)
+        inverse = 1.0 / math.sqrt(value)
+        L[j, j] = inverse
+        for i in range(j + 1, m):
+            value = C[i, j]
+            for k in range(j):
+                value -= L[i, k] * L[j, k]
+            L[i, j] = value * inverse
+    return log_determinant
+
+
+@_compiled
+def _forward(L, m, row):
+    """Replace ``row`` (m,) by L⁻¹ row."""
+    for i in range(m):
+        value = row[i]
+        for k in range(i):
+            value -= L[i, k] * row[k]
+        row[i] = value * L[i, i]
+
+
+@_compiled
+def weigh(C_0, C_image, C_stop, C_own, C_absolute, u_z, u, scales, stops, geometry, lengths,
+          log_prior, log_weight, fit, deltas, covariances):  # fmt: skip
+    """Fill what each machine of the grid means.
+
+    Parameters
+    ----------
+    C_0, C_image, C_stop : (n, n)
+    C_own, C_absolute : (L, n, n)
+        By length; their zz blocks are the same.
+    u_z : (n,)
+        (u, z) of the data.
+    u : int
+        Number of unknowns; m = n - u.
+    scales, stops, geometry, lengths, log_prior : (P,)
+    log_weight, fit : (P,)
+        Filled with ln(prior · likelihood) and zᵀ C_zz⁻¹ z.
+    deltas, covariances : (P, 2, u), (P, 2, u, u)
+        Filled: own, absolute.
+    """
+    n = C_0.shape[0]
+    m = n - u
+    C, L = np.empty((m, m)), np.empty((m, m))
+    rows = np.empty((2 * u + 1, m))
+    for p in range(stops.size):
+        a, b, c = scales[p] * scales[p], stops[p] * stops[p], geometry[p] * geometry[p]
+        G_own, G_absolute = C_own[lengths[p]], C_absolute[lengths[p]]
+        for i in range(m):
+            for j in range(i + 1):
+                C[i, j] = (
+                    C_0[u + i, u + j] + a * C_image[u + i, u + j] + b * C_stop[u + i, u + j]
+                    + c * G_own[u + i, u + j]
+                )  # fmt: skip
+            rows[2 * u, i] = u_z[u + i]
+        for k in range(u):
+            for i in range(m):
+                common = C_0[k, u + i] + a * C_image[k, u + i] + b * C_stop[k, u + i]
+                rows[k, i] = common + c * G_own[k, u + i]
+                rows[u + k, i] = common + c * G_absolute[k, u + i]
+        log_determinant = _factor(C, m, L)
+        for k in range(2 * u + 1):
+            _forward(L, m, rows[k])
+        square = 0.0
+        for i in range(m):
+            square += rows[2 * u, i] * rows[2 * u, i]
+        fit[p] = square
+        log_weight[p] = log_prior[p] - 0.5 * (square + log_determinant)
+        for which in range(2):
+            G = G_own if which == 0 else G_absolute
+            for k in range(u):
+                row = rows[which * u + k]
+                value = u_z[k]
+                for i in range(m):
+                    value -= row[i] * rows[2 * u, i]
+                deltas[p, which, k] = value
+                for j in range(k + 1):
+                    value = (
+                        C_0[k, j] + a * C_image[k, j] + b * C_stop[k, j] + c * G[k, j]
+                    )  # fmt: skip
+                    other = rows[which * u + j]
+                    for i in range(m):
+                        value -= row[i] * other[i]
+                    covariances[p, which, k, j] = value
+                    covariances[p, which, j, k] = value
+
+
+@_compiled
+def normalise(log_weight, weight):
+    """Fill the weights (P,), which sum to 1; return the logarithm of what they summed to."""
+    largest = -np.inf
+    for p in range(log_weight.size):
+        largest = max(largest, log_weight[p])
+    total = 0.0
+    for p in range(log_weight.size):
+        weight[p] = math.exp(log_weight[p] - largest)
+        total += weight[p]
+    for p in range(log_weight.size):
+        weight[p] /= total
+    return largest + math.log(total)
+
+
+@_compiled
+def moments(weight, deltas, covariances, to_theta, mean, covariance, means, sigmas):
+    """Fill mean (7,) and covariance (7, 7) of the mixture of one statement, in θ.
+
+    ``means``, ``sigmas`` (P, 7): those of each machine, 0 weight where negligible.
+    """
+    count, u = deltas.shape
+    largest = 0.0
+    for p in range(count):
+        largest = max(largest, weight[p])
+    room = np.empty((7, u))
+    mean[:] = 0.0
+    covariance[:, :] = 0.0
+    for p in range(count):
+        if weight[p] < _NEGLIGIBLE * largest:
+            continue
+        for i in range(7):
+            value = 0.0
+            for k in range(u):
+                value += to_theta[i, k] * deltas[p, k]
+            means[p, i] = value
+            mean[i] += weight[p] * value
+            for k in range(u):
+                value = 0.0
+                for j in range(u):
+                    value += to_theta[i, j] * covariances[p, j, k]
+                room[i, k] = value
+        for i in range(7):
+            for j in range(i + 1):
+                value = 0.0
+                for k in range(u):
+                    value += room[i, k] * to_theta[j, k]
+                covariance[i, j] += weight[p] * value
+                if i == j:
+                    sigmas[p, i] = math.sqrt(max(value, 0.0))
+    for p in range(count):
+        if weight[p] < _NEGLIGIBLE * largest:
+            continue
+        for i in range(7):
+            for j in range(i + 1):
+                covariance[i, j] += (
+                    weight[p] * (means[p, i] - mean[i]) * (means[p, j] - mean[j])
+                )  # fmt: skip
+    for i in range(7):
+        for j in range(i):
+            covariance[j, i] = covariance[i, j]
+
+
+@_compiled
+def half_widths(weight, means, sigmas, mean, covariance, level, widths):
+    """Fill the half widths (7,) about the mean that hold ``level`` of each marginal mixture.
+
+    Newton's method on the share, inside an interval that is halved where it leaves it.
+    """
+    count = weight.size
+    largest = 0.0
+    for p in range(count):
+        largest = max(largest, weight[p])
+    for i in range(7):
+        sigma = math.sqrt(max(covariance[i, i], 0.0))
+        widths[i] = 0.0
+        if not sigma > 0.0:
+            continue
+        low, high, width = 0.0, 40.0 * sigma, 2.0 * sigma
+        for _ in range(100):
+            share = slope = 0.0
+            for p in range(count):
+                s = sigmas[p, i]
+                if weight[p] < 1e-7 * largest or not s > 0.0:
+                    continue
+                off = means[p, i] - mean[i]
+                x, y = (width - off) / s, (width + off) / s
+                share += weight[p] * (
+                    1.0 - 0.5 * math.erfc(x * 0.7071067811865476)
+                    - 0.5 * math.erfc(y * 0.7071067811865476)
+                )  # fmt: skip
+                slope += (
+                    weight[p] * 0.3989422804014327
+                    * (math.exp(-0.5 * x * x) + math.exp(-0.5 * y * y)) / s
+                )  # fmt: skip
+            error = share - level
+            if error > 0.0:
+                high = width
+            else:
+                low = width
+            step = error / slope if slope > 0.0 else np.inf
+            new = width - step
+            if not (low < new < high):
+                new = 0.5 * (low + high)
+            if abs(new - width) < 1e-6 * sigma:
+                width = new
+                break
+            width = new
+        widths[i] = width
+
+
+@_compiled
+def bayes_factors(C_0, C_image, C_stop, C_geometry, z, scales, stops, geometry, lengths,
+                  log_prior, columns, first, log_factors):  # fmt: skip
+    """Fill ln(evidence with / evidence without) of hypotheses "these rows are wrong, too".
+
+    A hypothesis adds E Eᵀ to C_zz, with E its columns (m, k) of ``columns``: from ``first[h]`` to
+    ``first[h + 1]``. All C are the zz blocks; ``columns`` (c, m) holds E transposed.
+    """
+    m, count = z.size, first.size - 1
+    widest = 0
+    for h in range(count):
+        widest = max(widest, first[h + 1] - first[h])
+    C, L = np.empty((m, m)), np.empty((m, m))
+    rows, z_white = np.empty(columns.shape), np.empty(m)
+    M, M_factor, b = np.empty((widest, widest)), np.empty((widest, widest)), np.empty(widest)
+    log_weight, weight = np.empty(stops.size), np.empty(stops.size)
+    gains = np.empty((count, stops.size))
+    for p in range(stops.size):
+        s, t, c = scales[p] * scales[p], stops[p] * stops[p], geometry[p] * geometry[p]
+        G = C_geometry[lengths[p]]
+        for i in range(m):
+            for j in range(i + 1):
+                C[i, j] = C_0[i, j] + s * C_image[i, j] + t * C_stop[i, j] + c * G[i, j]
+            z_white[i] = z[i]
+        log_determinant = _factor(C, m, L)
+        _forward(L, m, z_white)
+        square = 0.0
+        for i in range(m):
+            square += z_white[i] * z_white[i]
+        log_weight[p] = log_prior[p] - 0.5 * (square + log_determinant)
+        for q in range(columns.shape[0]):
+            for i in range(m):
+                rows[q, i] = columns[q, i]
+            _forward(L, m, rows[q])
+        for h in range(count):
+            size = first[h + 1] - first[h]
+            for i in range(size):
+                one = rows[first[h] + i]
+                value = 0.0
+                for k in range(m):
+                    value += one[k] * z_white[k]
+                b[i] = value
+                for j in range(i + 1):
+                    other = rows[first[h] + j]
+                    value = 1.0 if i == j else 0.0
+                    for k in range(m):
+                        value += one[k] * other[k]
+                    M[i, j] = value
+            log_determinant = _factor(M, size, M_factor)
+            _forward(M_factor, size, b)
+            value = 0.0
+            for i in range(size):
+                value += b[i] * b[i]
+            gains[h, p] = log_weight[p] + 0.5 * (value - log_determinant)
+    without = normalise(log_weight, weight)
+    for h in range(count):
+        log_factors[h] = normalise(gains[h], weight) - without

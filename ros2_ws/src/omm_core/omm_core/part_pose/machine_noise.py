@@ -1,0 +1,207 @@
+"""How exact a machine may be: the grid on which its noise is estimated, and the priors.
+
+Three numbers describe a machine (docs/statistics.md): how well a stop repeats (each axis, each
+stop anew), how large the errors of its geometry are, and over what length these change. Whatever
+is not declared is a coordinate of the grid; each point of it is one machine that there might be,
+with the probability that it has before anything was measured.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omm_core.part_pose.problem import SolveOptions
+
+Array = NDArray[np.float64]
+
+_STOPS_MM = np.array([0.1, 0.4, 1.0, 2.0, 3.5, 6.0, 10.0, 16.0, 25.0]) / 1e3
+_GEOMETRY_MM = np.array([0.0, 2.0, 5.0, 9.0, 15.0, 24.0, 40.0, 63.0, 100.0]) / 1e3
+_LENGTHS = np.array([0.15, 0.35, 0.75])  # of the diagonal of the stops
+_STOP_SCALE_MM = 0.010  # of the half-Cauchy density
+_GEOMETRY_FLOOR_MM = 0.001  # below it the density 1/σ is level
+_STEP = 1.6  # between levels, where the grid is made longer
+_IMAGE_SCALES = np.array([1.0, 2.0, 4.0])  # of what the detector says of itself
+_IMAGE_PRIOR = np.array([0.5, 0.3, 0.2])
+WORST_MM = float(_GEOMETRY_MM[-1])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NoiseGrid:
+    """Machines that there might be.
+
+    Attributes
+    ----------
+    image_scale, stop_sigma_mm, geometry_sigma_mm : (P,) arrays
+    length_index : (P,) array
+        Which of ``lengths_mm`` the geometry's errors of a point have.
+    lengths_mm : (L,) array
+    log_prior : (P,) array
+    estimated : tuple of str
+        What is not declared, by the names of machine.yaml.
+    """
+
+    image_scale: Array
+    stop_sigma_mm: Array
+    geometry_sigma_mm: Array
+    length_index: NDArray[np.int64]
+    lengths_mm: Array
+    log_prior: Array
+    estimated: tuple[str, ...]
+
+
+def noise_grid(options: SolveOptions, diagonal_mm: float, *, scale_image: bool) -> NoiseGrid:
+    """Return the grid for what the options do not declare.
+
+    Parameters
+    ----------
+    diagonal_mm : float
+        Of the box of the commanded stops.
+    scale_image : bool
+        Whether the detector's own word on its noise is doubted. Needless where each image shows
+        one target: what is said too little of the centre is then taken for the stop's.
+    """
+    stops, stop_prior = _stops(options)
+    geometry, geometry_prior = _geometry(options)
+    lengths = geometry_lengths(options, diagonal_mm)
+    if len(geometry) == 1 and geometry[0] == 0.0:
+        lengths = lengths[:1]
+    scales, scale_prior = (
+        (_IMAGE_SCALES, _IMAGE_PRIOR) if scale_image else (_IMAGE_SCALES[:1], np.ones(1))
+    )
+    i, s, g, k = (
+        index.ravel()
+        for index in np.meshgrid(
+            *(np.arange(len(each)) for each in (scales, stops, geometry, lengths)), indexing="ij"
+        )
+    )
+    # Without geometry errors their length is nothing: one point does for all lengths.
+    one = (geometry[g] > 0.0) | (k == 0)
+    i, s, g, k = i[one], s[one], g[one], k[one]
+    weight = np.where(geometry[g] > 0.0, 1.0 / len(lengths), 1.0)
+    prior = scale_prior[i] * stop_prior[s] * geometry_prior[g] * weight
+    estimated = [
+        name
+        for name in ("stop_sigma_mm", "geometry_sigma_mm", "geometry_length_mm")
+        if getattr(options, name) is None
+    ]
+    return NoiseGrid(
+        image_scale=scales[i],
+        stop_sigma_mm=stops[s],
+        geometry_sigma_mm=geometry[g],
+        length_index=k.astype(np.int64),
+        lengths_mm=lengths,
+        log_prior=np.log(prior / prior.sum()),
+        estimated=tuple(estimated),
+    )
+
+
+def doubting_grid(options: SolveOptions, diagonal_mm: float, *, scale_image: bool) -> NoiseGrid:
+    """Return the grid with even odds that what is declared of the machine does not hold.
+
+    Where a machine is less exact than declared, its noise is not to be taken for a blunder.
+    """
+    told = noise_grid(options, diagonal_mm, scale_image=scale_image)
+    nothing = replace(
+        options, stop_sigma_mm=None, geometry_sigma_mm=None, geometry_length_mm=None
+    )  # fmt: skip
+    if nothing == options:
+        return told
+    free = noise_grid(nothing, diagonal_mm, scale_image=scale_image)
+    return NoiseGrid(
+        image_scale=np.concatenate([told.image_scale, free.image_scale]),
+        stop_sigma_mm=np.concatenate([told.stop_sigma_mm, free.stop_sigma_mm]),
+        geometry_sigma_mm=np.concatenate([told.geometry_sigma_mm, free.geometry_sigma_mm]),
+        length_index=np.concatenate([told.length_index, free.length_index + len(told.lengths_mm)]),
+        lengths_mm=np.concatenate([told.lengths_mm, free.lengths_mm]),
+        log_prior=np.concatenate([told.log_prior, free.log_prior]) - np.log(2.0),
+        estimated=told.estimated,
+    )
+
+
+def geometry_lengths(options: SolveOptions, diagonal_mm: float) -> Array:
+    """Return the lengths over which the geometry may change, the shortest first, mm."""
+    if options.geometry_length_mm is not None:
+        return np.array([options.geometry_length_mm])
+    return np.asarray(_LENGTHS * max(diagonal_mm, 1.0))
+
+
+def _stops(options: SolveOptions) -> tuple[Array, Array]:
+    if options.stop_sigma_mm is not None:
+        return np.array([options.stop_sigma_mm]), np.ones(1)
+    levels = _levels(_STOPS_MM, options.worst_machine_mm / WORST_MM)
+    return levels, np.gradient(levels) / (1.0 + (levels / _STOP_SCALE_MM) ** 2)
+
+
+def _geometry(options: SolveOptions) -> tuple[Array, Array]:
+    if options.geometry_sigma_mm is not None:
+        return np.array([options.geometry_sigma_mm]), np.ones(1)
+    levels = _levels(_GEOMETRY_MM, options.worst_machine_mm / WORST_MM)
+    prior = np.gradient(levels) / np.maximum(levels, _GEOMETRY_FLOOR_MM)
+    prior[0] /= 2.0
+    return levels, prior
+
+
+def _levels(usual_mm: Array, scale: float) -> Array:
+    """Return the levels up to the largest times ``scale``: cut, or longer than usual."""
+    limit = usual_mm[-1] * scale * (1.0 + 1e-9)
+    levels = list(usual_mm[usual_mm <= limit])
+    while levels[-1] >= usual_mm[-1] and levels[-1] * _STEP <= limit:
+        levels.append(levels[-1] * _STEP)
+    while len(levels) < 2:
+        levels.append(usual_mm[len(levels)])
+    return np.array(levels)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Level:
+    """One number of the machine's noise: the median, and what holds 90 % of the probability."""
+
+    median: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class MachineNoise:
+    """How large a machine's errors are, as declared or as a run shows; mm.
+
+    Attributes
+    ----------
+    stop_sigma_mm, geometry_sigma_mm, geometry_length_mm : Level
+    image_scale : float
+        How much larger the centres' noise is than the detector says; 1 where not doubted.
+    estimated : tuple of str
+        What is not declared.
+    """
+
+    stop_sigma_mm: Level
+    geometry_sigma_mm: Level
+    geometry_length_mm: Level
+    image_scale: float
+    estimated: tuple[str, ...]
+
+
+def summarise(grid: NoiseGrid, weight: Array) -> MachineNoise:
+    """Return the noise in few numbers, given the probability of each machine of the grid."""
+    return MachineNoise(
+        stop_sigma_mm=_level(grid.stop_sigma_mm, weight),
+        geometry_sigma_mm=_level(grid.geometry_sigma_mm, weight),
+        geometry_length_mm=_level(
+            grid.lengths_mm[grid.length_index], weight * (grid.geometry_sigma_mm > 0.0)
+        ),
+        image_scale=_level(grid.image_scale, weight).median,
+        estimated=grid.estimated,
+    )
+
+
+def _level(values: Array, weight: Array) -> Level:
+    if not weight.sum() > 0.0:
+        return Level(median=float(values[0]), low=float(values[0]), high=float(values[0]))
+    levels, index = np.unique(values, return_inverse=True)
+    share = np.cumsum(np.bincount(index.ravel(), weights=weight))
+    at = [int(np.searchsorted(share, q * share[-1])) for q in (0.05, 0.5, 0.95)]
+    low, median, high = (float(levels[min(i, len(levels) - 1)]) for i in at)
+    return Level(median=median, low=low, high=high)

@@ -1,0 +1,232 @@
+"""What each source of noise does to a problem that was made linear about its optimum.
+
+With J the derivatives of the pixels by δ = (ω, d_0, γ_s) (kernels.py), in units of the detector's
+own noise (whitened), and one column for each thing that may be wrong::
+
+    y = J δ + e + D (s + f) + T t + B c        y = measured - computed
+
+e the centres (variance 1), s the stops (each axis, each stop anew), f the smooth errors of the
+geometry at the stops, t the targets' coordinates, c the calibration. The camera moved by d is the
+part moved by -d: D = -d(pixel)/d(d_0), three columns for each image.
+
+**Own coordinates.** A machine with geometry errors f has coordinates of its own, in which it would
+go to meet the targets at X - f. Its rigid part, over the targets and at the stops that saw each,
+is ``r f`` with r (7, 3I) = least squares of (ω, d_0) to the mean error at each target, γ_s
+untouched. The pose in these is δ_own = δ - r f, so that ``y = J δ_own + (D + J r) f + …``: the same
+problem with another effect of the geometry. A shift or turn common to all of f does then nothing,
+which is why δ_own can be told and δ can not.
+
+All covariances are kept as (u + m, u + m) matrices of (P y, K y), see grid_kernels.py.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omm_core.part_pose.adjustment import Adjustment, predictions
+from omm_core.part_pose.kernels import predict_all
+from omm_core.part_pose.problem import Problem, SolveOptions
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NoiseModel:
+    """A linear problem of n = u + m rows, split into what tells δ and what tells of the noise.
+
+    Attributes
+    ----------
+    problem, adjustment, unknowns
+        What was made linear where; u = 7 or 6.
+    whitening : (N, 2, 2) array
+        Whitened = whitening @ px.
+    split : (n, n) array
+        (P, K): P J = 1, K J = 0, K Kᵀ = 1; of whitened rows.
+    u_z : (n,) array
+        split @ y.
+    image, targets, calibration : (n, n) arrays
+        Covariances of (u, z); ``image`` of the detector as it says.
+    stops : (n, 3I) array
+        Effect of an error of each stop on (u, z).
+    rigid : (u, 3I) array
+        r: the rigid part of errors at the stops.
+    by_point : (N, 2, 3) array
+        Whitened d(pixel)/d(d_0).
+    """
+
+    problem: Problem
+    adjustment: Adjustment
+    unknowns: int
+    whitening: Array
+    split: Array
+    u_z: Array
+    image: Array
+    targets: Array
+    calibration: Array
+    stops: Array
+    rigid: Array
+    by_point: Array
+
+    @property
+    def redundancy(self) -> int:
+        """Return m, the degrees of freedom."""
+        return len(self.u_z) - self.unknowns
+
+    def stop_covariance(self) -> Array:
+        """Return the covariance of (u, z) for stops of 1 mm, (n, n)."""
+        return self.stops @ self.stops.T
+
+    def geometry_covariance(self, length_mm: float, *, own: bool) -> Array:
+        """Return the covariance of (u, z) for geometry errors of 1 mm, (n, n)."""
+        effect = self.stops
+        if own:
+            effect = effect.copy()
+            effect[: self.unknowns] += self.rigid
+        places = self.problem.d_cnc
+        apart2 = np.sum((places[:, None] - places[None, :]) ** 2, axis=2)
+        kernel = np.exp(-apart2 / (2.0 * length_mm**2))
+        images = len(places)
+        spread = kernel @ effect.reshape(-1, images, 3).transpose(1, 0, 2).reshape(images, -1)
+        turned = spread.reshape(images, -1, 3).transpose(1, 0, 2).reshape(len(effect), -1)
+        covariance = turned @ effect.T
+        return (covariance + covariance.T) / 2.0
+
+
+def noise_model(problem: Problem, adjustment: Adjustment, options: SolveOptions) -> NoiseModel:
+    """Return the linear problem about an optimum; raise ``LinAlgError`` where it has none."""
+    u = options.unknowns
+    pixels, J = predictions(problem, adjustment)
+    whitening = _whitening(problem.information)
+    white = whitening @ J
+    y = np.einsum("nij,nj->ni", whitening, problem.measured - pixels).ravel()
+    split = _split(white[:, :, :u].reshape(-1, u))
+    by_point = white[:, :, 3:6]
+    images = len(problem.stamps_ns)
+    stops = np.zeros((len(problem), 2, images, 3))
+    stops[np.arange(len(problem)), :, problem.image_of] = -by_point
+    u_z = split @ y
+    image = split @ split.T
+    return NoiseModel(
+        problem=problem,
+        adjustment=adjustment,
+        unknowns=u,
+        whitening=whitening,
+        split=split,
+        u_z=u_z,
+        image=image,
+        targets=_of_targets(problem, adjustment, options, by_point, split),
+        calibration=_of_calibration(problem, adjustment, options, whitening, split),
+        stops=split @ stops.reshape(-1, 3 * images),
+        rigid=rigid_part(problem, adjustment)[:u],
+        by_point=by_point,
+    )
+
+
+def rigid_part(problem: Problem, adjustment: Adjustment) -> Array:
+    """Return r (7, 3I): (ω, d_0) of the unweighted rigid fit to the errors at the stops.
+
+    The error of a target is the mean over the stops that saw it; γ_s has no part in it.
+    """
+    seen = np.unique(problem.target_of)
+    images = len(problem.stamps_ns)
+    mean = np.zeros((len(seen), images))
+    np.add.at(mean, (np.searchsorted(seen, problem.target_of), problem.image_of), 1.0)
+    mean /= mean.sum(axis=1, keepdims=True)
+    arm = problem.points[seen, 0] @ adjustment.rotation.T
+    size = max(float(np.sqrt(np.mean(arm**2))), 1e-9)
+    x, y, z = arm.T / size
+    zero, one = np.zeros_like(x), np.ones_like(x)
+    # ω x a = -[a]x ω
+    design = np.stack([
+        np.stack([zero, z, -y, one, zero, zero], axis=1),
+        np.stack([-z, zero, x, zero, one, zero], axis=1),
+        np.stack([y, -x, zero, zero, zero, one], axis=1),
+    ], axis=1).reshape(-1, 6)  # fmt: skip
+    fit = np.linalg.pinv(design)
+    fit[:3] /= size
+    rigid = np.zeros((7, 3 * images))
+    rigid[:6] = np.einsum("ktj,ti->kij", fit.reshape(6, len(seen), 3), mean).reshape(6, -1)
+    return rigid
+
+
+def _whitening(information: Array) -> Array:
+    """Return Cᵀ of ``W = C Cᵀ``, (N, 2, 2)."""
+    a = np.sqrt(information[:, 0])
+    b = information[:, 1] / a
+    c = np.sqrt(information[:, 2] - b * b)
+    zero = np.zeros_like(a)
+    return np.stack([np.stack([a, b], axis=1), np.stack([zero, c], axis=1)], axis=1)
+
+
+def _split(design: Array) -> Array:
+    """Return (P, K) of a design (n, u), (n, n)."""
+    u = design.shape[1]
+    scale = np.linalg.norm(design, axis=0)
+    if not np.all(scale > 0.0):
+        raise np.linalg.LinAlgError("the observations do not determine all unknowns")
+    Q, R = np.linalg.qr(design / scale, mode="complete")
+    if np.abs(np.diag(R)).min() < 1e-9:
+        raise np.linalg.LinAlgError("the observations do not determine all unknowns")
+    split = np.ascontiguousarray(Q.T)
+    split[:u] = np.linalg.solve(R[:u], split[:u]) / scale[:, None]
+    return split
+
+
+def _of_targets(
+    problem: Problem, adjustment: Adjustment, options: SolveOptions, by_point: Array, split: Array
+) -> Array:
+    covariance = target_covariance(problem)
+    if not options.use_target_sigma or not np.any(covariance):
+        return np.zeros_like(split)
+    targets = len(problem.target_ids)
+    effect = np.zeros((len(problem), 2, targets, 3))
+    effect[np.arange(len(problem)), :, problem.target_of] = by_point @ adjustment.rotation
+    effect = split @ effect.reshape(-1, 3 * targets)
+    return np.asarray(effect @ covariance @ effect.T)
+
+
+def target_covariance(problem: Problem) -> Array:
+    """Return the covariance of the problem's targets, (3T, 3T) mm², zeros where none is told."""
+    place = {target.id: index for index, target in enumerate(problem.part.targets)}
+    rows = [3 * place[target_id] + axis for target_id in problem.target_ids for axis in range(3)]
+    return problem.part.target_covariance_mm2()[np.ix_(rows, rows)]
+
+
+def _of_calibration(
+    problem: Problem,
+    adjustment: Adjustment,
+    options: SolveOptions,
+    whitening: Array,
+    split: Array,
+) -> Array:
+    calibration = problem.calibration
+    names, covariance = calibration.parameters, calibration.covariance
+    sigma = np.sqrt(np.diag(covariance)) if len(names) else np.zeros(0)
+    if not options.use_calibration_covariance or not np.any(sigma > 0.0):
+        return np.zeros_like(split)
+    values, columns = calibration.parameter_values(names), []
+    uncertain = np.flatnonzero(sigma > 0.0)
+    for index in uncertain:
+        step = np.zeros(len(names))
+        step[index] = sigma[index]
+        up, down = (
+            _pixels(problem, calibration.with_parameters(names, values + sign * step), adjustment)
+            for sign in (1.0, -1.0)
+        )
+        columns.append(np.einsum("nij,nj->ni", whitening, (up - down) / 2.0).ravel())
+    effect = split @ np.stack(columns, axis=1)
+    scale = np.outer(sigma[uncertain], sigma[uncertain])
+    return np.asarray(effect @ (covariance[np.ix_(uncertain, uncertain)] / scale) @ effect.T)
+
+
+def _pixels(problem, calibration, adjustment) -> Array:  # type: ignore[no-untyped-def]
+    moved = problem.with_calibration(calibration)
+    pixels, unused = np.empty((len(problem), 2)), np.empty((len(problem), 2, 7))
+    predict_all(
+        *moved.model_arguments(), adjustment.rotation, adjustment.d0_mm,
+        adjustment.gamma_s_rad, pixels, unused,
+    )  # fmt: skip
+    return pixels

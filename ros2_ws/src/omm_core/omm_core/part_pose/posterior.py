@@ -1,0 +1,189 @@
+"""The pose and the machine's noise, both from one run: a mixture over the machines there may be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omm_core.part_pose.grid_kernels import half_widths, moments, normalise, weigh
+from omm_core.part_pose.machine_noise import NoiseGrid, noise_grid
+from omm_core.part_pose.noise_model import NoiseModel
+from omm_core.part_pose.problem import Problem, SolveOptions
+
+Array = NDArray[np.float64]
+
+IMAGE = "image"
+STOPS = "stops"
+GEOMETRY = "geometry"
+TARGETS = "targets"
+CALIBRATION = "calibration"
+
+COVERAGE = 0.9545
+"""Share of errors that the expanded uncertainty holds."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PoseStatement:
+    """A pose in one kind of coordinates, all in the order of θ (rad, mm).
+
+    Attributes
+    ----------
+    theta : (7,) array
+    covariance : (7, 7) array
+    expanded_uncertainty : (7,) array
+        95.45 % of errors are smaller, whatever the distribution.
+    """
+
+    theta: Array
+    covariance: Array
+    expanded_uncertainty: Array
+
+
+NO_POSE = PoseStatement(
+    theta=np.full(7, np.nan),
+    covariance=np.full((7, 7), np.nan),
+    expanded_uncertainty=np.full(7, np.nan),
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Posterior:
+    """What a run says of the pose and of the machine.
+
+    Attributes
+    ----------
+    model, grid
+        What it is the posterior of.
+    weight : (P,) array
+        Probability of each machine of the grid.
+    fit : (P,) array
+        zᵀ C_zz⁻¹ z of each: about m where it explains the residuals.
+    deltas, covariances : (P, 2, u), (P, 2, u, u) arrays
+        Of the unknowns of kernels.py: own, absolute.
+    log_evidence : float
+    matrices : tuple of arrays
+        C_0, C_image, C_stop, C_own, C_absolute as in grid_kernels.py.
+    """
+
+    model: NoiseModel
+    grid: NoiseGrid
+    weight: Array
+    fit: Array
+    deltas: Array
+    covariances: Array
+    log_evidence: float
+    matrices: tuple[Array, Array, Array, Array, Array]
+
+    def statement(self, *, own: bool) -> PoseStatement:
+        """Return the pose in the machine's own coordinates, or in ideal ones."""
+        which = 0 if own else 1
+        problem, adjustment = self.model.problem, self.model.adjustment
+        to_theta = np.ascontiguousarray(
+            adjustment.d_theta_d_local(problem.X0_mm)[:, : self.model.unknowns]
+        )
+        points = len(self.weight)
+        mean, covariance, widths = np.empty(7), np.empty((7, 7)), np.empty(7)
+        means, sigmas = np.zeros((points, 7)), np.zeros((points, 7))
+        moments(
+            self.weight, self.deltas[:, which], self.covariances[:, which], to_theta,
+            mean, covariance, means, sigmas,
+        )  # fmt: skip
+        half_widths(self.weight, means, sigmas, mean, covariance, COVERAGE, widths)
+        theta = adjustment.theta(problem.X0_mm) + mean
+        theta[6] = np.pi - np.mod(np.pi - theta[6], 2 * np.pi)
+        return PoseStatement(theta=theta, covariance=covariance, expanded_uncertainty=widths)
+
+    def local_mean(self, *, own: bool) -> Array:
+        """Return the mean of (ω, d_0, γ_s), (7,)."""
+        mean = np.zeros(7)
+        mean[: self.model.unknowns] = self.weight @ self.deltas[:, 0 if own else 1]
+        return mean
+
+    def local_covariance(self, *, own: bool) -> Array:
+        """Return the covariance of (ω, d_0, γ_s), (7, 7)."""
+        which, u = (0 if own else 1), self.model.unknowns
+        deltas = self.deltas[:, which] - self.weight @ self.deltas[:, which]
+        covariance = np.zeros((7, 7))
+        covariance[:u, :u] = np.tensordot(self.weight, self.covariances[:, which], axes=1)
+        covariance[:u, :u] += (deltas * self.weight[:, None]).T @ deltas
+        return covariance
+
+    @cached_property
+    def components(self) -> dict[str, Array]:
+        """Return the mean covariance of (u, z) in own coordinates by source, (n, n) each."""
+        _, C_image, C_stop, C_own, _ = self.matrices
+        grid, model = self.grid, self.model
+        geometry = np.bincount(
+            grid.length_index, weights=self.weight * grid.geometry_sigma_mm**2,
+            minlength=len(C_own),
+        )  # fmt: skip
+        return {
+            IMAGE: float(self.weight @ grid.image_scale**2) * C_image,
+            STOPS: float(self.weight @ grid.stop_sigma_mm**2) * C_stop,
+            GEOMETRY: np.tensordot(geometry, C_own, axes=1),
+            TARGETS: model.targets,
+            CALIBRATION: model.calibration,
+        }
+
+    def shares(self) -> dict[str, Array]:
+        """Return the fraction of each parameter's variance by source, (7,) each; they sum to 1.
+
+        Of the machine that the run speaks of on average; 0 where a parameter has no variance, and
+        no source without any.
+        """
+        model, u = self.model, self.model.unknowns
+        total = sum(self.components.values())
+        gain = np.linalg.solve(total[u:, u:], total[u:, :u]).T
+        to_theta = model.adjustment.d_theta_d_local(model.problem.X0_mm)[:, :u]
+        combine = to_theta @ np.hstack([np.eye(u), -gain])
+        variances = {
+            name: np.einsum("ij,jk,ik->i", combine, C, combine)
+            for name, C in self.components.items()
+            if np.any(C)
+        }
+        whole = sum(variances.values())
+        return {name: v / np.where(whole > 0.0, whole, 1.0) for name, v in variances.items()}
+
+
+def detector_doubted(problem: Problem, options: SolveOptions) -> bool:
+    """Whether the centres may be worse than the detector says; see machine_noise.noise_grid."""
+    return not options.trust_detector and bool(np.any(np.bincount(problem.image_of) > 1))
+
+
+def noise_matrices(model: NoiseModel, grid: NoiseGrid) -> tuple[Array, Array, Array, Array, Array]:
+    """Return C_0, C_image, C_stop, C_own, C_absolute of grid_kernels.py."""
+    return (
+        model.targets + model.calibration,
+        model.image,
+        model.stop_covariance(),
+        np.stack([model.geometry_covariance(length, own=True) for length in grid.lengths_mm]),
+        np.stack([model.geometry_covariance(length, own=False) for length in grid.lengths_mm]),
+    )
+
+
+def diagonal_mm(problem: Problem) -> float:
+    """Return the diagonal of the box of the stops."""
+    places = problem.d_cnc[np.unique(problem.image_of)]
+    return float(np.linalg.norm(np.ptp(places, axis=0)))
+
+
+def posterior(model: NoiseModel, options: SolveOptions) -> Posterior:
+    """Return what the data say of pose and machine."""
+    problem, u = model.problem, model.unknowns
+    grid = noise_grid(options, diagonal_mm(problem), scale_image=detector_doubted(problem, options))
+    matrices = noise_matrices(model, grid)
+    points = len(grid.log_prior)
+    log_weight, fit, weight = np.empty(points), np.empty(points), np.empty(points)
+    deltas, covariances = np.empty((points, 2, u)), np.empty((points, 2, u, u))
+    weigh(
+        *matrices, model.u_z, u, grid.image_scale, grid.stop_sigma_mm, grid.geometry_sigma_mm,
+        grid.length_index, grid.log_prior, log_weight, fit, deltas, covariances,
+    )  # fmt: skip
+    log_evidence = float(normalise(log_weight, weight))
+    return Posterior(
+        model=model, grid=grid, weight=weight, fit=fit, deltas=deltas, covariances=covariances,
+        log_evidence=log_evidence, matrices=matrices,
+    )  # fmt: skip
