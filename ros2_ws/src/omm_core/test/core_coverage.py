@@ -231,7 +231,7 @@ def options_of(cell: CoverageCell, drawn: Drawn) -> SolveOptions:
     if not cell.declared:
         return SolveOptions()
     if "stop_sigma_mm" not in SolveOptions.__dataclass_fields__:
-        return SolveOptions(machine_sigma_mm=cell.stop_um / 1e3)
+        return SolveOptions(stop_sigma_mm=cell.stop_um / 1e3)
     return SolveOptions(
         stop_sigma_mm=cell.stop_um / 1e3,
         geometry_sigma_mm=cell.geometry_um / 1e3,

@@ -135,7 +135,7 @@ class Posterior:
         no source without any.
         """
         model, u = self.model, self.model.unknowns
-        total = sum(self.components.values())
+        total = np.sum(list(self.components.values()), axis=0)
         gain = np.linalg.solve(total[u:, u:], total[u:, :u]).T
         to_theta = model.adjustment.d_theta_d_local(model.problem.X0_mm)[:, :u]
         combine = to_theta @ np.hstack([np.eye(u), -gain])

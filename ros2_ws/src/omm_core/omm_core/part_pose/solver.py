@@ -187,7 +187,8 @@ def _solution(problem: Problem, found: Found, options: SolveOptions) -> Solution
     own = absolute = NO_POSE
     noise: MachineNoise | None = None
     shares: dict[str, Array] = {}
-    factor, findings, told = 1.0, found.findings, ()
+    factor, findings = 1.0, found.findings
+    told: tuple[str, ...] = ()
     shown = fit.best
     if determined and estimated is not None:
         factor, wrong, doubts = _factor(estimated, options)
