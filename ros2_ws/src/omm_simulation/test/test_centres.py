@@ -5,9 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
+from omm_core.geometry import RigidTransform
 from omm_core.session.measurement import Measurement
 from omm_simulation.cell import draw
 from omm_simulation.centres import observed_centres, stops_of
+from omm_simulation.control import SimulatedControl
+from omm_simulation.erring_spindle import ErringSpindle
 from omm_simulation.machine_errors import MachineErrors
 from omm_simulation.offline import ImageMessage, run
 from omm_simulation.scenario import load_scenario
@@ -60,3 +63,28 @@ def test_each_clamping_has_stops_of_its_own_and_one_machine():
     geometry = draw(scenario, 1).geometry_at_stops_mm()
     np.testing.assert_allclose(off.mean(axis=0), geometry, atol=4.5 * 0.005 / np.sqrt(40))
     assert np.std(off - geometry) == pytest.approx(0.005, rel=0.1)
+
+
+def test_a_control_that_moves_by_itself_errs_alike():
+    """Geometry and lost motion at each stop as with the simulated control; noise of its own."""
+    cell = draw(erring(geometry_sigma_mm=0.02, lost_motion_mm=(0.01, 0.02, 0.03)), 4)
+    control, spindle = SimulatedControl(cell), ErringSpindle(cell)
+    compared = set()
+    for time_ns in range(0, 60_000_000_000, 10_000_000):
+        state = control.state(time_ns)
+        true = spindle.true_pose(time_ns, state.machine_T_spindle)
+        if state.measure_requested:
+            expected = control.true_machine_T_spindle(time_ns)
+            np.testing.assert_allclose(true.translation_mm, expected.translation_mm, atol=1e-3)
+            control.acknowledge(state.measure_request, time_ns)
+            compared.add(state.measure_request)
+    assert len(compared) == len(cell.stops)
+
+
+def test_a_spindle_stands_where_it_stopped_and_stops_anew_elsewhere():
+    spindle = ErringSpindle(draw(erring(stop_sigma_mm=0.01), 4))
+    at = [RigidTransform.from_euler_xyz_rad(0, 0, 0, (x, 0.0, 0.0)) for x in (0.0, 50.0)]
+    standing = [spindle.true_pose(k, at[1 if k > 3 else 0]).translation_mm for k in range(9)]
+    np.testing.assert_array_equal(standing[0], 0.0)
+    assert np.any(standing[4] != at[1].translation_mm)
+    np.testing.assert_array_equal(standing[4:], [standing[4]] * 5)

@@ -73,6 +73,7 @@ def _linuxcnc_cell(p: Parameters) -> tuple[Control, Machine]:
     from omm_cnc_bridge.controls.linuxcnc.cell import DemoLinuxCnc
     from omm_cnc_bridge.controls.simulated.control import machine_of
     from omm_cnc_bridge.gcode import ProgramOptions, Stop, measuring_program
+    from omm_simulation.erring_spindle import ErringSpindle
 
     cell = _draw(p)
     machine = machine_of(cell.scenario)
@@ -88,7 +89,9 @@ def _linuxcnc_cell(p: Parameters) -> tuple[Control, Machine]:
         ),
         title=cell.scenario.name,
     )
-    return DemoLinuxCnc(p.linuxcnc_cell, text, machine, rate_hz=p.rate_hz), machine
+    true_pose = ErringSpindle(cell).true_pose
+    control = DemoLinuxCnc(p.linuxcnc_cell, text, machine, rate_hz=p.rate_hz, true_pose=true_pose)
+    return control, machine
 
 
 def _simulated(p: Parameters) -> tuple[Control, Machine]:

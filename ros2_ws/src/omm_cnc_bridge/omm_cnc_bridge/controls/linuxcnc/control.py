@@ -10,13 +10,14 @@ import select
 import subprocess
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from omm_cnc_bridge.clock import ControlClock, ros_from_monotonic_ns
 from omm_cnc_bridge.control import ControlSample, Mode, Orientation, ProgramState, TruePose
 from omm_core.errors import DeviceError
+from omm_core.geometry import RigidTransform
 from omm_core.machine.kinematics import Machine
 
 LOCAL_READER = (
@@ -252,12 +253,22 @@ class LinuxCncControl:
 
 
 class SimulatedLinuxCnc(LinuxCncControl):
-    """A LinuxCNC whose drives are simulated: what it measures is also the truth for a camera."""
+    """A LinuxCNC whose drives are simulated: from what it measures follows the truth for a camera.
 
-    def __init__(self, machine: Machine, *, rate_hz: float, **more: Any) -> None:
+    ``true_pose`` makes the true pose of a stamp and a reported one; without it, they are the same.
+    """
+
+    def __init__(
+        self,
+        machine: Machine,
+        *,
+        rate_hz: float,
+        true_pose: Callable[[int, RigidTransform], RigidTransform] | None = None,
+        **more: Any,
+    ) -> None:
         self._every = max(1, math.ceil(TRUTH_RATE_HZ / rate_hz))
         super().__init__(rate_hz=rate_hz * self._every, **more)
-        self._machine = machine
+        self._machine, self._true_pose = machine, true_pose
         self._count = 0
         self._truth: list[TruePose] = []
 
@@ -267,6 +278,8 @@ class SimulatedLinuxCnc(LinuxCncControl):
             self._count += 1
             if sample.fault is None:
                 pose = self._machine.machine_T_spindle(sample.positions)
+                if self._true_pose is not None:
+                    pose = self._true_pose(sample.stamp_ns, pose)
                 self._truth.append(TruePose(stamp_ns=sample.stamp_ns, machine_T_spindle=pose))
             if self._count % self._every == 0:
                 kept.append(sample)
