@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from omm_camera_driver.driver import CameraSettings, Trigger
 from omm_core.errors import InputError
-from omm_ros.parameters import parameter
+from omm_ros.parameters import network_parameter, parameter
 
 DRIVERS = ("gige", "v4l2", "simulated")
 NAN = math.nan
@@ -76,6 +76,7 @@ class Parameters:
     bumped_id: int = parameter(
         -1, "simulated: a target that is not where the part file says; -1 is none.", minimum=-1
     )
+    network: bool = network_parameter()
 
 
 def camera_settings(parameters: Parameters) -> CameraSettings:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from omm_ros.parameters import parameter
+from omm_ros.parameters import network_parameter, parameter
 
 CONTROLS = ("simulated", "linuxcnc", "opcua", "mtconnect")
 REPORTED = ("axes", "tool_point", "tool_point_on_part")
@@ -138,3 +138,4 @@ class Parameters:
     repetitions: int = parameter(
         1, "Simulated control: how often its stops are gone through.", minimum=1
     )
+    network: bool = network_parameter()

@@ -6,7 +6,7 @@ from omm_core.part_pose import SolveOptions
 from omm_core.session.measurement import MeasurementOptions
 from omm_core.session.pairing import PairingOptions
 from omm_core.targets import DetectionOptions
-from omm_ros.parameters import parameter
+from omm_ros.parameters import network_parameter, parameter
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,6 +47,7 @@ class Parameters:
         choices=("fit", "outline"),
     )  # fmt: skip
     part_frame: str = parameter("part", "Name of the part's frame in /tf.")
+    network: bool = network_parameter()
 
     def solve_options(self) -> SolveOptions:
         """How the core is to solve."""

@@ -118,7 +118,7 @@ def _not_ready(node: Node, start: Client, camera: _CameraHealth) -> str:
 
 def main(args: list[str] | None = None) -> int:
     """Run as a node beside others that somebody else has started (a launch file)."""
-    transport.prepare()
+    transport.prepare(args)
     console = Console()
     try:
         estimate = measure_alone(console, lambda: None, args)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from omm_recording.mcap_writer import COMPRESSIONS
-from omm_ros.parameters import parameter
+from omm_ros.parameters import network_parameter, parameter
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,3 +43,4 @@ class Parameters:
     stop_free_mb: int = parameter(
         64, "Stop cleanly when less than this is free on the disk (MB).", minimum=1
     )
+    network: bool = network_parameter()

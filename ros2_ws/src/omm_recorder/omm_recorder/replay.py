@@ -23,7 +23,7 @@ from omm_recording.reading import RecordedMessage, Recording
 from omm_recording.rosbag2_format import TopicQos, parsed_qos
 from omm_ros import node_help
 from omm_ros.conversions import time_from_ns
-from omm_ros.parameters import check_no_unknown, declare, parameter
+from omm_ros.parameters import check_no_unknown, declare, network_parameter, parameter
 
 CLOCK_PERIOD_S = 0.025
 KEY_PERIOD_S = 0.02
@@ -54,6 +54,7 @@ class ReplayParameters:
     wait_s: float = parameter(
         5.0, "Wait this long for listeners to images and poses before the start.", minimum=0.0
     )
+    network: bool = network_parameter()
 
 
 class ReplayNode(Node):
@@ -274,7 +275,7 @@ def replay(overrides: list[Parameter] | None = None, arguments: list[str] | None
     from omm_ros import transport
     from omm_ros.interrupt import told_to_end
 
-    transport.prepare()
+    transport.prepare(arguments)
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     node = None
     spinning = None

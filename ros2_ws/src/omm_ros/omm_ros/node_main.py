@@ -67,7 +67,7 @@ def run_node(
         check_environment()
     except InputError as error:
         return _failed(None, error, 2)
-    transport.prepare()
+    transport.prepare(arguments)
     count_publications()
     os.nice(niceness)
     # rclpy ends ROS at the first Ctrl-C. Python's own answer would come on top, and out of nowhere:

@@ -48,6 +48,15 @@ def parameter(
     return dataclasses.field(default=default, metadata=metadata)
 
 
+def network_parameter() -> Any:
+    """Return the field of a node's parameters that opens the network."""
+    return parameter(
+        False,
+        "Whether other machines may hear this node and speak to it. Nothing is encrypted or "
+        "authenticated without SROS 2 (SECURITY.md).",
+    )
+
+
 def declare(node: Node, kind: type[P]) -> P:
     """Declare every field of `kind` on the node and return the values that it got.
 
