@@ -6,7 +6,11 @@ import subprocess
 import numpy as np
 import pytest
 
-from omm_cnc_bridge.gcode import ProgramOptions, Stop, measuring_program
+from omm_core.machine.kinematics import Machine
+from omm_core.machine.urdf import Joint, Robot
+from omm_core.planning.linuxcnc_program import linuxcnc_program
+from omm_core.planning.pattern import Stop, backing_off
+from omm_core.planning.program import ProgramOptions, make_program
 
 STOPS = [
     Stop(target_id=i // 2, spindle_in_machine_mm=np.array([20.0 + i, 10.0 + i, 50.0 - i]))
@@ -15,6 +19,32 @@ STOPS = [
 DOWN = np.eye(3)
 TO_FRONT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # spindle z is machine y
 UP_SIDE_DOWN = np.diag([1.0, -1.0, -1.0])
+
+
+def machine(rotation) -> Machine:
+    """Three linear axes X, Y, Z and a spindle that is turned on them."""
+    links = ("machine", "a", "b", "c", "spindle")
+    joints = [
+        Joint(
+            name=name, movable=True, rotary=False, parent=links[i], child=links[i + 1],
+            origin=np.eye(4), axis=np.eye(3)[i], lower=-1e4, upper=1e4,
+        )
+        for i, name in enumerate("XYZ")
+    ]  # fmt: skip
+    turned = np.eye(4)
+    turned[:3, :3] = rotation
+    joints.append(
+        Joint(
+            name="head", movable=False, rotary=False, parent="c", child="spindle",
+            origin=turned, axis=np.eye(3)[0], lower=0.0, upper=0.0,
+        )
+    )  # fmt: skip
+    return Machine(Robot(name="mill", root="machine", links=links, joints=tuple(joints)))
+
+
+def measuring_program(stops, rotation, options, **more) -> str:
+    gone_to = backing_off(stops, options.retract_mm * rotation[:, 2])
+    return linuxcnc_program(make_program(machine(rotation), gone_to, options, **more))
 
 
 def moves(text: str) -> list[dict[str, float]]:

@@ -20,12 +20,14 @@ from omm_cnc_bridge.controls.linuxcnc.control import (
     LinuxCncControl,
     SimulatedLinuxCnc,
 )
-from omm_cnc_bridge.gcode import ProgramOptions, Stop, measuring_program
 from omm_cnc_bridge.judgement import Judge, SampleLimits
 from omm_cnc_bridge.standstill import StandStillLimits
 from omm_core.errors import DeviceError
 from omm_core.machine.kinematics import Machine
 from omm_core.machine.urdf import load_urdf
+from omm_core.planning.linuxcnc_program import linuxcnc_program
+from omm_core.planning.pattern import Stop, backing_off
+from omm_core.planning.program import ProgramOptions, make_program
 
 pytestmark = pytest.mark.skipif(
     not is_installed(), reason="LinuxCNC is not installed (apt-get install linuxcnc-uspace)"
@@ -134,7 +136,10 @@ def test_measuring_program_is_answered_and_runs_to_its_end(cell):
         for i in range(4)
     ]
     program = cell.folder / "measure.ngc"
-    program.write_text(measuring_program(stops, np.eye(3), ProgramOptions(retract_mm=10.0)))
+    machine = Machine.load(MACHINES / "three_axis_mill.urdf")
+    gone_to = backing_off(stops, np.array([0.0, 0.0, 10.0]))
+    text = linuxcnc_program(make_program(machine, gone_to, ProgramOptions(retract_mm=10.0)))
+    program.write_text(text)
     control = LinuxCncControl(rate_hz=100, program_file=str(program))
     control.connect()
     try:

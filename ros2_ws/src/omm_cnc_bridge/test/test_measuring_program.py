@@ -1,5 +1,6 @@
-"""The program that `./omm machine program` writes, run by LinuxCNC itself, answered by the node."""
+"""The program that `./omm plan` writes, run by LinuxCNC itself, answered by the node."""
 
+import json
 import subprocess
 import sys
 
@@ -34,14 +35,16 @@ def test_the_written_program_runs_and_rests_long_enough_around_each_image(
 ):
     part, camera = write_estimator_files(draw(load_scenario("bench"), 1), tmp_path / "files")
     program = linuxcnc.cell.folder / "measure.ngc"
-    command = ["machine", "program", peers.THREE_AXES, "--part", part, "--calibration", camera]
-    command += ["--part-at", 100, 100, 0, "--stereo-base", 80, "--feed", 30000, "-o", program]
+    planned = tmp_path / "plan.json"
+    command = ["plan", "--machine", peers.THREE_AXES, "--part", part, "--calibration", camera]
+    command += ["--part-at", 100, 100, 0, "--out", program, "--json", planned]
     done = subprocess.run(
         [sys.executable, "-m", "omm_bringup.command_line", *map(str, command)],
         capture_output=True, text=True, timeout=60, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    images = 2 * len(load_part(part).targets)
+    images = json.loads(planned.read_text())["program"]["images"]
+    assert images >= 2 * len(load_part(part).targets)
 
     start_node(**linuxcnc.parameters, allow_commands=True, program_file=program)
     assert bench.spin(30.0, lambda: len(bench.poses) > 50)

@@ -16,6 +16,7 @@ from omm_core.geometry import RigidTransform
 from omm_core.imaging.calibration import CameraCalibration
 from omm_core.machine_errors import own_pose
 from omm_core.part_pose import THETA_NAMES
+from omm_core.planning.pattern import Stop, paired_stops
 from omm_simulation.machine_errors import (
     DrawnErrors,
     draw_errors,
@@ -35,21 +36,6 @@ _STREAMS = {name: i for i, name in enumerate(_NAMES)}
 def random_stream(seed: int, name: str) -> np.random.Generator:
     """An own source of random numbers for each thing that is drawn in a cell."""
     return np.random.default_rng([seed, _STREAMS[name]])
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Stop:
-    """Where the program stops for an image of a target.
-
-    Attributes
-    ----------
-    target_id : int
-    spindle_in_machine_mm : ndarray, shape (3,)
-        Programmed positions of X, Y, Z.
-    """
-
-    target_id: int
-    spindle_in_machine_mm: NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -236,20 +222,19 @@ def _stops(scenario: Scenario, seed: int) -> tuple[Stop, ...]:
     machine_R_spindle = RigidTransform.from_euler_xyz_rad(
         *scenario.machine.spindle_euler_xyz_rad
     ).rotation
-    camera_depth_mm = scenario.calibration.taper_T_camera.translation_mm[2]
     stops = []
-    for target in scenario.part.targets:
-        for side in (-0.5, 0.5):
-            target_in_spindle = np.array(
-                [
-                    program.offset_mm[0] - side * program.stereo_base_mm,
-                    program.offset_mm[1],
-                    camera_depth_mm - program.distance_mm,
-                ]
-            )
-            position = machine_T_part @ target.xyz_mm - machine_R_spindle @ target_in_spindle
-            position = position + rng.uniform(-1.0, 1.0, 3) * program.spread_mm
-            stops.append(Stop(target_id=target.id, spindle_in_machine_mm=np.round(position, 3)))
+    for stop in paired_stops(
+        scenario.part,
+        scenario.calibration,
+        machine_T_part,
+        machine_R_spindle,
+        distance_mm=program.distance_mm,
+        stereo_base_mm=program.stereo_base_mm,
+        offset_mm=program.offset_mm,
+    ):
+        spread = rng.uniform(-1.0, 1.0, 3) * program.spread_mm
+        place = np.round(stop.spindle_in_machine_mm + spread, 3)
+        stops.append(Stop(target_id=stop.target_id, spindle_in_machine_mm=place))
     _check_reachable(scenario, stops)
     return tuple(stops)
 

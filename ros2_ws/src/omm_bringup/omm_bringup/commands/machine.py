@@ -1,4 +1,4 @@
-"""`./omm machine`: show and check the description of a machine, write a program for it."""
+"""`./omm machine`: show and check the description of a machine."""
 
 import argparse
 import math
@@ -9,12 +9,7 @@ from omm_core.errors import InputError
 from omm_core.files.output import write_whole
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from omm_core.machine.kinematics import Machine
-
-    Array = NDArray[np.float64]
 
 RADIANS = math.radians(1.0)
 
@@ -29,30 +24,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--at", nargs="*", default=[], metavar="AXIS=VALUE",
         help="print the spindle's pose at axis positions, in mm and degrees",
     )  # fmt: skip
-    program = actions.add_parser("program", help="write a measuring program in G-code")
-    program.add_argument("machine", type=Path, help="URDF file")
-    program.add_argument("--part", type=Path, required=True, help="part.yaml")
-    program.add_argument("--calibration", type=Path, required=True, help="camera.yaml")
-    program.add_argument(
-        "--part-at", type=float, nargs=3, required=True, metavar=("X", "Y", "Z"),
-        help="roughly where the part's origin lies in the machine, mm",
-    )  # fmt: skip
-    program.add_argument(
-        "--part-turned", type=float, nargs=3, default=(0.0, 0.0, 0.0), metavar=("A", "B", "G"),
-        help="and how it is turned about the machine's X, Y and Z, degrees",
-    )  # fmt: skip
-    program.add_argument(
-        "--rotary", nargs="*", default=[], metavar="AXIS=DEGREES", help="rotary axes at the stops"
-    )
-    program.add_argument("--stereo-base", type=float, default=120.0, help="mm (%(default)s)")
-    program.add_argument("--distance", type=float, default=300.0, help="mm (%(default)s)")
-    program.add_argument("--feed", type=float, default=10000.0, help="mm/min (%(default)s)")
-    program.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.ngc")
 
 
 def run(args: argparse.Namespace) -> int:
-    """0 = done; for `show`, 1 where a check found something."""
-    return _show(args) if args.action == "show" else _program(args)
+    """0 = done, 1 where a check found something."""
+    return _show(args)
 
 
 def _show(args: argparse.Namespace) -> int:
@@ -96,46 +72,3 @@ def _axes(words: list[str], machine: "Machine") -> dict[str, float]:
                 f"Expected AXIS=VALUE with an axis of {', '.join(rotary)}, got {word!r}."
             ) from None
     return axes
-
-
-def _program(args: argparse.Namespace) -> int:
-    from omm_cnc_bridge.gcode import ProgramOptions, measuring_program, stops_for
-    from omm_core.files.part import load_part
-    from omm_core.geometry import RigidTransform
-    from omm_core.imaging.calibration import load_calibration
-    from omm_core.machine.kinematics import Machine
-
-    machine = Machine.load(args.machine)
-    part = load_part(args.part)
-    options = ProgramOptions(
-        distance_mm=args.distance, stereo_base_mm=args.stereo_base, feed_mm_per_min=args.feed
-    )
-    rotary = _axes(args.rotary, machine)
-    alpha, beta, gamma = (math.radians(angle) for angle in args.part_turned)
-    machine_T_part = RigidTransform.from_euler_xyz_rad(alpha, beta, gamma, args.part_at)
-    at_zero = machine.machine_T_spindle({a.name: 0.0 for a in machine.axes} | rotary)
-    stops = stops_for(
-        part, load_calibration(args.calibration), machine_T_part, at_zero.rotation, options
-    )
-    moves = [_linear_axes(machine, rotary, stop.spindle_in_machine_mm) for stop in stops]
-    text = measuring_program(
-        [type(s)(target_id=s.target_id, spindle_in_machine_mm=m) for s, m in zip(stops, moves)],
-        at_zero.rotation,
-        options,
-        rotary_deg=[(name, math.degrees(value)) for name, value in rotary.items()],
-        title=part.name,
-    )
-    write_whole(args.output, text)
-    print(f"{len(stops)} images of {len(part.targets)} targets in {args.output}")
-    return 0
-
-
-def _linear_axes(machine: "Machine", rotary: dict[str, float], spindle_mm: "Array") -> "Array":
-    """X, Y, Z of the axes that bring the spindle there; refused where the machine cannot."""
-    import numpy as np
-
-    whole = {axis.name: 0.0 for axis in machine.axes if axis.rotary} | rotary
-    axes = machine.axes_at_tool_point(whole, spindle_mm, 0.0, turns_with_part=True)
-    if complaints := machine.out_of_limits(axes):
-        raise InputError(f"The part does not lie where the machine can reach: {complaints[0]}.")
-    return np.array([axes[name] for name in ("X", "Y", "Z")])

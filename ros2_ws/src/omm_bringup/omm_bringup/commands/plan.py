@@ -28,6 +28,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--want-point", type=float, metavar="MM", help="U of the worst corner")
     parser.add_argument("--bump", type=float, metavar="MM", help="displaced targets to be noticed")
+    parser.add_argument("--out", type=Path, metavar="PROGRAM.ngc", help="the measuring program")
+    parser.add_argument(
+        "--control",
+        default="linuxcnc",
+        help="or siemens, heidenhain, fanuc, fagor (templates)",
+    )
+    parser.add_argument(
+        "--limit",
+        type=float,
+        default=50.0,
+        metavar="MM",
+        help="largest correction of a stop (%(default)g)",
+    )
+    parser.add_argument(
+        "--search", type=float, metavar="MM",
+        help="the part may lie that far off: begin from afar, look around, correct by so much",
+    )  # fmt: skip
+    parser.add_argument("--picture", type=Path, metavar="PNG", help="part and stops")
+    parser.add_argument("--report", type=Path, metavar="PDF")
     parser.add_argument("--json", type=Path, metavar="OUT")
 
 
@@ -35,6 +54,8 @@ def run(args: argparse.Namespace) -> int:
     """Plan, print, and write what was asked for; 1 where the wish cannot be reached."""
     from omm_core.errors import InputError, MeasurementError
     from omm_core.files.output import write_whole
+    from omm_core.planning.other_programs import program_text
+    from omm_core.planning.plan_program import plan_program
     from omm_core.planning.wish import Wish
     from omm_report.plan_text import plan_text
     from omm_runs.planning import PlanRequest, plan_of
@@ -55,11 +76,27 @@ def run(args: argparse.Namespace) -> int:
             ),
         )
     )
+    result = plan.to_json()
+    program = None
+    if plan.reached:
+        search = args.search is not None
+        program = plan_program(plan, limit_mm=args.search if search else args.limit, search=search)
+        result["program"] = {"images": len(program.stops), "limit_mm": program.options.limit_mm}
     if args.json is not None:
-        write_whole(args.json, json.dumps(plan.to_json(), indent=1, allow_nan=False) + "\n")
+        write_whole(args.json, json.dumps(result, indent=1, allow_nan=False) + "\n")
     print(plan_text(plan))
-    if not plan.reached:
+    if args.picture is not None:
+        from omm_report.plan_picture import save_plan_picture
+
+        save_plan_picture(plan, args.picture)
+    if args.report is not None:
+        from omm_report.plan_report import save_plan_report
+
+        save_plan_report(plan, args.report)
+    if program is None:
         raise MeasurementError(f"{plan.findings[0]} No program is written.")
+    if args.out is not None:
+        write_whole(args.out, program_text(program, args.control))
     return 0
 
 

@@ -72,23 +72,20 @@ def _linuxcnc_cell(p: Parameters) -> tuple[Control, Machine]:
     """A real LinuxCNC with simulated drives, which runs the scenario's stops."""
     from omm_cnc_bridge.controls.linuxcnc.cell import DemoLinuxCnc
     from omm_cnc_bridge.controls.simulated.control import machine_of
-    from omm_cnc_bridge.gcode import ProgramOptions, Stop, measuring_program
+    from omm_core.planning.linuxcnc_program import linuxcnc_program
+    from omm_core.planning.pattern import backing_off
+    from omm_core.planning.program import ProgramOptions, make_program
     from omm_simulation.erring_spindle import ErringSpindle
 
     cell = _draw(p)
     machine = machine_of(cell.scenario)
     program = cell.scenario.program
-    text = measuring_program(
-        [
-            Stop(target_id=stop.target_id, spindle_in_machine_mm=stop.spindle_in_machine_mm)
-            for stop in cell.stops
-        ],
-        machine.machine_T_spindle({"X": 0.0, "Y": 0.0, "Z": 0.0}).rotation,
-        ProgramOptions(
-            retract_mm=program.retract_mm, dwell_s=program.dwell_s, feed_mm_per_min=30000.0
-        ),
-        title=cell.scenario.name,
+    tool = machine.machine_T_spindle({"X": 0.0, "Y": 0.0, "Z": 0.0}).rotation[:, 2]
+    options = ProgramOptions(
+        retract_mm=program.retract_mm, dwell_s=program.dwell_s, feed_mm_per_min=30000.0
     )
+    stops = backing_off(cell.stops, program.retract_mm * tool)
+    text = linuxcnc_program(make_program(machine, stops, options, title=cell.scenario.name))
     true_pose = ErringSpindle(cell).true_pose
     control = DemoLinuxCnc(p.linuxcnc_cell, text, machine, rate_hz=p.rate_hz, true_pose=true_pose)
     return control, machine

@@ -88,6 +88,10 @@ class Plan:
                 },
             },
             "seconds": self.seconds,
+            "part_taken_at": {
+                "translation_mm": self.scene.machine_T_part.translation_mm.tolist(),
+                "euler_xyz_rad": list(self.scene.machine_T_part.euler_xyz_rad()),
+            },
             "reached": self.reached,
             "elsewhere": [place.to_json() for place in self.elsewhere],
             "findings": list(self.findings),

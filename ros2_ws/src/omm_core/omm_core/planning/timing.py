@@ -27,8 +27,8 @@ class Pace:
     ----------
     limits : mapping
         (velocity, acceleration, jerk) by axis, mm or rad, s.
-    stop_s : float
-        Settling and image.
+    settling_s, stop_s : float
+        Settling alone, and with the image.
     feed_mm_per_s : float
         The program's own limit along the path: what the slowest linear axis can do.
     assumed : tuple of str
@@ -38,6 +38,7 @@ class Pace:
     limits: Mapping[str, tuple[float, float, float]]
     linear: frozenset[str]
     feed_mm_per_s: float
+    settling_s: float
     stop_s: float
     assumed: tuple[str, ...] = ()
 
@@ -57,14 +58,14 @@ class Pace:
         timing = machine.timing
         settling, image = timing.settling_s, timing.image_s
         assumed += [n for n, v in (("settling_s", settling), ("image_s", image)) if v is None]
-        stop_s = (settling if settling is not None else ASSUMED_SETTLING_S) + max(
-            image if image is not None else ASSUMED_IMAGE_S, exposure_s
-        )
+        settling = ASSUMED_SETTLING_S if settling is None else settling
+        image = max(ASSUMED_IMAGE_S if image is None else image, exposure_s)
         return cls(
             limits=limits,  # type: ignore[arg-type]
             linear=frozenset(axis.name for axis in kinematics.axes if not axis.rotary),
             feed_mm_per_s=min(linear, default=np.inf),
-            stop_s=stop_s,
+            settling_s=settling,
+            stop_s=settling + image,
             assumed=tuple(assumed),
         )
 

@@ -1,0 +1,156 @@
+"""What a measuring program does, in no control's words: where it goes and asks for images."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omm_core.errors import InputError
+from omm_core.machine.kinematics import Machine as Kinematics
+
+Array = NDArray[np.float64]
+
+_FARTHEST_MM = 100_000.0
+# What may be written into a program, and nothing else.
+_RANGES = (
+    ("retract_mm", 0.0, _FARTHEST_MM),
+    ("dwell_s", 0.0, 600.0),
+    ("feed_mm_per_min", 1.0, 1_000_000.0),
+    ("answer_timeout_s", 0.1, 3600.0),
+    ("limit_mm", 0.0, 10_000.0),
+    ("tries", 1, 1000),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProgramOptions:
+    """How the stops are gone to.
+
+    Attributes
+    ----------
+    retract_mm : float
+        How far beyond the farthest stop the spindle is out, along its axis, before the first.
+    dwell_s : float
+        Rest before an image is asked for.
+    limit_mm : float
+        Largest correction of a stop, each axis, that the program takes from outside; 0: none.
+    tries : int
+        Images that are taken for one stop where nothing is seen, each somewhere else.
+    """
+
+    retract_mm: float = 100.0
+    dwell_s: float = 0.3
+    feed_mm_per_min: float = 10000.0
+    answer_timeout_s: float = 20.0
+    limit_mm: float = 0.0
+    tries: int = 1
+
+    def __post_init__(self) -> None:
+        for name, lowest, highest in _RANGES:
+            value = getattr(self, name)
+            if not lowest <= value <= highest:  # false for NaN, too
+                raise InputError(
+                    f"Expected {name} between {lowest:g} and {highest:g} for a measuring program,"
+                    f" got {value:g}."
+                )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ProgramStop:
+    """One stop: axis positions (mm, rad), and the ways out of the one before and in to this.
+
+    Attributes
+    ----------
+    leave, arrive : tuple of mapping
+        Positions on the way, those that belong to the stop before and those of this one.
+    """
+
+    axes: Mapping[str, float]
+    label: str
+    leave: tuple[Mapping[str, float], ...] = ()
+    arrive: tuple[Mapping[str, float], ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Program:
+    """A measuring program.
+
+    Attributes
+    ----------
+    clear : mapping
+        The axis that goes out first, and how far: ``{"Z": 500}``.
+    outward : float
+        +1 where larger values of that axis are farther out, else -1.
+    rotary : frozenset of str
+    """
+
+    title: str
+    stops: tuple[ProgramStop, ...]
+    clear: Mapping[str, float]
+    outward: float
+    rotary: frozenset[str]
+    options: ProgramOptions = field(default_factory=ProgramOptions)
+
+
+def make_program(
+    kinematics: Kinematics,
+    stops: Sequence[ProgramStop],
+    options: ProgramOptions | None = None,
+    *,
+    title: str = "measure",
+) -> Program:
+    """Return the program of stops.
+
+    Raises
+    ------
+    InputError
+        Where there is no stop, or one is no place.
+    """
+    options = options or ProgramOptions()
+    if not stops:
+        raise InputError("Expected stops for a measuring program, got none. Has the part targets?")
+    for stop in stops:
+        for axes in (*stop.leave, *stop.arrive, stop.axes):
+            for name, value in axes.items():
+                if not abs(value) <= _FARTHEST_MM:
+                    raise InputError(
+                        f"Expected places within {_FARTHEST_MM:g} mm for a measuring program, got"
+                        f" {name} = {value} for {stop.label}."
+                    )
+    name, outward = _tool_axis(kinematics, stops[0].axes)
+    places = [outward * stop.axes[name] for stop in stops]
+    away = options.retract_mm + options.limit_mm
+    return Program(
+        title=comment(title),
+        stops=tuple(stops),
+        clear={name: outward * (max(places) + away)},
+        outward=outward,
+        rotary=kinematics.rotary,
+        options=options,
+    )
+
+
+def _tool_axis(kinematics: Kinematics, axes: Mapping[str, float]) -> tuple[str, float]:
+    """Return the linear axis that moves the spindle most along its own axis, and the way out."""
+    start = kinematics.machine_T_spindle(axes)
+    best, along = "", 0.0
+    for axis in kinematics.axes:
+        if axis.rotary:
+            continue
+        moved = kinematics.machine_T_spindle({**axes, axis.name: axes[axis.name] + 1.0})
+        share = float((moved.translation_mm - start.translation_mm) @ start.rotation[:, 2])
+        if abs(share) > abs(along) + 1e-9:
+            best, along = axis.name, share
+    if not best:
+        raise InputError(f"Expected a linear axis of {kinematics.name} along the spindle.")
+    return best, math.copysign(1.0, along)
+
+
+def comment(text: str) -> str:
+    """Keep of a name what cannot end a comment or begin a block: a part's name is not ours."""
+    return re.sub(r"[^A-Za-z0-9 ._-]", "_", text)[:60]
