@@ -61,8 +61,8 @@ def _nodes(context):  # type: ignore[no-untyped-def]
     # The operator presses cycle start when all are there, and ends when the part is measured.
     operator = Node(
         package="omm_operator",
-        executable="operator_node",
-        name="operator",
+        executable="measure_node",
+        name="measure",
         output="screen",
     )
     ended = OnProcessExit(target_action=operator, on_exit=[EmitEvent(event=Shutdown())])

@@ -70,3 +70,13 @@ def simulated_cell(
             parameters={"control": control, "start_program": start_program, **started, **drawn},
         ),
     )
+
+
+def operators_page(run_folder: Path, *, port: int, stops: int) -> NodeSpec:
+    """The operator's page for a cell whose program has so many stops."""
+    return NodeSpec(
+        package="omm_operator",
+        executable="operator_node",
+        name="operator",
+        parameters={"port": port, "stops": stops, "part_file": str(run_folder / "part.yaml")},
+    )

@@ -11,6 +11,7 @@ NODES = {
     "camera": "omm_camera_driver.parameters.Parameters",
     "cnc_bridge": "omm_cnc_bridge.parameters.Parameters",
     "estimator": "omm_estimator.parameters.Parameters",
+    "operator": "omm_operator.parameters.Parameters",
     "recorder": "omm_recorder.parameters.Parameters",
     "replay": "omm_recorder.replay.ReplayParameters",
 }

@@ -1,131 +1,250 @@
-"""The operator's part in a measurement: press cycle start, watch, read the result."""
+"""The node ``operator``: what is heard of the cell, as a page for whoever stands at the machine.
 
+ROS spins in the main thread and turns messages into facts; everything else happens in the server's
+thread (`operating.Operation`).
+"""
+
+from __future__ import annotations
+
+import json
 import time
-from collections.abc import Callable
+from functools import partial
+from pathlib import Path
 
-import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from omm_interfaces.msg import PartEstimate
-from rclpy.client import Client
+from diagnostic_msgs.msg import DiagnosticArray
+from omm_interfaces.msg import OperatorCommand, PartEstimate, SpindleState, TargetObservations
+from rcl_interfaces.msg import ParameterType, ParameterValue
+from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
-from rich.console import Console
-from std_srvs.srv import Trigger
+from rclpy.task import Future
+from sensor_msgs.msg import Image
 
-from omm_core.errors import MeasurementError
-from omm_operator.estimate_table import estimate_table
-from omm_operator.view import OperatorView
-from omm_ros import transport
-from omm_ros.interrupt import told_to_end
+from omm_core.errors import InputError
+from omm_core.files.machine import load_machine
+from omm_core.files.part import load_part
+from omm_operator import conversions
+from omm_operator.operating import Operation
+from omm_operator.parameters import Parameters
+from omm_operator.ros_actions import RosActions
+from omm_operator.screen.commands import Command
+from omm_operator.screen.desk import Answer, Asker
+from omm_operator.screen.handing import HandingOptions
+from omm_operator.screen.screen import Screen
+from omm_operator.web.access import Hosts, Listening, Sessions
+from omm_operator.web.application import application
+from omm_operator.web.serving import ServerThread, listen, tls_context
+from omm_ros import qos
+from omm_ros.conversions import time_from_ns
+from omm_ros.node_main import run_node
+from omm_ros.parameters import declare
 
-_READY_S = 30.0
-_SILENT_S = 60.0
-_LAST_IMAGE_S = 15.0  # after the program's end, for an image that was asked for
-_POLL_S = 0.05
-_LISTENERS = {"recorder", "estimator"}
+_PICTURE_PERIOD_S = 0.2
+_LOOK_PERIOD_S = 0.5
+_ASK_PERIOD_S = 5.0
+_STATIONS = {"estimator": "/omm/estimate", "camera": "/camera/image_raw", "bridge": "/cnc/state"}
+ESTIMATOR, BRIDGE = "/estimator", "/cnc_bridge"
+_ASKED = {ESTIMATOR: ("part_file",), BRIDGE: ("allow_commands", "control", "linuxcnc_cell")}
 
 
-def measure(node: Node, console: Console, check_alive: Callable[[], None]) -> PartEstimate:
-    """Start the program once every station is there, show the progress, return the last estimate.
-
-    Parameters
-    ----------
-    check_alive : raises MeasurementError when a node has died
+class OperatorNode(Node):
+    """Listens, and serves the page.
 
     Raises
     ------
-    MeasurementError
-        A station does not come, or the images stop coming.
+    InputError
+        Where the port is taken, or a file cannot be used.
     """
-    with OperatorView(node, console) as view:
-        _start_program(node, check_alive)
-        console.print("omm: camera, CNC bridge, estimator and recorder run; program started")
-        heard, since = -1, time.monotonic()
-        while not view.progress.settled:
-            rclpy.spin_once(node, timeout_sec=_POLL_S)
-            check_alive()
-            view.show()
-            if view.progress.images_judged != heard:
-                heard, since = view.progress.images_judged, time.monotonic()
-            silent_s = time.monotonic() - since
-            if view.progress.came_to_an_end and silent_s > _LAST_IMAGE_S:
-                console.print(
-                    f"omm: {view.progress.images_missing} of the images asked for never came"
-                )
-                break
-            if silent_s > _SILENT_S:
-                raise MeasurementError(f"No image came for {_SILENT_S:.0f} s.")
-    assert view.progress.estimate is not None
-    return view.progress.estimate
 
+    def __init__(self) -> None:
+        super().__init__("operator")
+        self._p = p = declare(self, Parameters)
+        context = tls_context(p.tls_certificate_file, p.tls_key_file)
+        screen = self._make_screen()
+        sockets, port = listen(p.address, p.port)
+        self._where = Listening(
+            address=p.address, port=port, hosts=p.hosts, secure=context is not None
+        )
+        self._recording, self._pictures, self._picture_due_s = "", 0, 0.0
+        self._asked_for: tuple[str, int] | None = None
+        self._ask_due_s = 0.0
+        self._part_file: tuple[str, bytes] | None = None
+        self._commands = self.create_publisher(OperatorCommand, "/omm/operator_commands", qos.STATE)
+        actions = RosActions(self, lambda: self._recording)
+        self._operation = Operation(screen, actions, self._record)
+        self._sessions = Sessions(time.monotonic)
+        self._server = ServerThread(sockets, context, self._make_application)
+        self._listen_to_all()
+        self._server.start()
+        if p.part_file:
+            self._take_part_file(p.part_file)
+        self._introduce()
 
-def measure_alone(
-    console: Console, check_alive: Callable[[], None], arguments: list[str] | None = None
-) -> PartEstimate:
-    """`measure` in a process without other nodes; as it does, and KeyboardInterrupt at Ctrl-C."""
-    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-    try:
-        with told_to_end() as ended:
+    def destroy_node(self) -> None:
+        """End the server, then the node."""
+        self._server.close()
+        super().destroy_node()
 
-            def check() -> None:
-                if ended.is_set():
-                    raise KeyboardInterrupt
-                check_alive()
+    # --- making --------------------------------------------------------------------------------
 
-            return measure(Node("operator"), console, check)
-    finally:
-        rclpy.try_shutdown()
+    def _make_screen(self) -> Screen:
+        p = self._p
+        options = HandingOptions(
+            control=p.control, offset=p.offset, remaining_mm=p.remaining_mm, fresh_s=p.fresh_s
+        )
+        options.check()
+        screen = Screen(
+            options=options, wall_ns=time.time_ns, clock_s=time.monotonic, stops=p.stops
+        )
+        if p.machine_file:
+            screen.kept.up = load_machine(Path(p.machine_file)).up
+        return screen
 
+    def _make_application(self) -> object:
+        made, pages = application(
+            self._operation,
+            self._operation.desk,
+            Hosts(self._where.names(), self._where.port, secure=self._where.secure),
+            self._sessions,
+            tell_tokens=lambda asker: self._tell_tokens(),
+            language=self._p.language,
+        )
+        self._operation.show_with(pages.show)
+        return made
 
-def _start_program(node: Node, check_alive: Callable[[], None]) -> None:
-    start = node.create_client(Trigger, "/cnc_bridge/start_program")
-    camera = _CameraHealth(node)
-    deadline = time.monotonic() + _READY_S
-    while missing := _not_ready(node, start, camera):
-        rclpy.spin_once(node, timeout_sec=_POLL_S)
-        check_alive()
-        if time.monotonic() > deadline:
-            raise MeasurementError(f"Waited {_READY_S:.0f} s for {missing}.")
-    answer = start.call_async(Trigger.Request())
-    rclpy.spin_until_future_complete(node, answer, timeout_sec=_READY_S)
-    if not answer.done() or not answer.result().success:
-        why = answer.result().message if answer.done() else "no answer"
-        raise MeasurementError(f"The control did not start its program: {why}.")
+    def _listen_to_all(self) -> None:
+        self.create_subscription(PartEstimate, "/omm/estimate", self._on_estimate, qos.LATCHED)
+        self.create_subscription(SpindleState, "/cnc/state", self._on_state, qos.STATE)
+        self.create_subscription(
+            TargetObservations, "/omm/observations", self._on_found, qos.OBSERVATIONS
+        )
+        self.create_subscription(Image, "/camera/image_raw", self._on_image, qos.IMAGE)
+        self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 50)
+        self._askers = {
+            node: self.create_client(GetParameters, f"{node}/get_parameters") for node in _ASKED
+        }
+        self.create_timer(_LOOK_PERIOD_S, self._look)
 
+    # --- what is heard -------------------------------------------------------------------------
 
-class _CameraHealth:
-    """What the camera node says of its connection."""
+    def _take(self, take: object, fact: object) -> None:
+        self._server.call(self._operation.take, take, fact)
 
-    def __init__(self, node: Node) -> None:
-        self.is_connected = False
-        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+    def _on_estimate(self, message: PartEstimate) -> None:
+        if (message.part, message.clamping) != self._asked_for:
+            self._ask_due_s = 0.0
+            self._asked_for = (message.part, message.clamping)
+        self._take(self._operation.screen.take_estimate, conversions.estimate_fact(message))
+
+    def _on_state(self, message: SpindleState) -> None:
+        self._take(self._operation.screen.take_control, conversions.control_fact(message))
+
+    def _on_found(self, message: TargetObservations) -> None:
+        self._take(self._operation.screen.take_found, conversions.found_fact(message))
+
+    def _on_image(self, message: Image) -> None:
+        if time.monotonic() < self._picture_due_s:
+            return
+        self._picture_due_s = time.monotonic() + _PICTURE_PERIOD_S
+        self._pictures += 1
+        try:
+            fact = conversions.picture_fact(message, self._pictures)
+        except InputError as error:
+            self.get_logger().warning(f"image: {error}", throttle_duration_sec=5.0)
+            return
+        self._take(self._operation.screen.take_picture, fact)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            if status.name == "camera: connection":
-                self.is_connected = status.level == DiagnosticStatus.OK
+            fact = conversions.health_fact(status)
+            if fact.node == "recorder" and "file" in fact.values:
+                self._recording = fact.values["file"]
+            self._take(self._operation.screen.take_health, fact)
+
+    # --- what is asked for ---------------------------------------------------------------------
+
+    def _look(self) -> None:
+        """See who has left, and ask nodes for the parameters that decide what the page allows."""
+        for station, topic in _STATIONS.items():
+            if self.count_publishers(topic) == 0:
+                self._server.call(self._operation.screen.lose, station)
+        if time.monotonic() >= self._ask_due_s:
+            self._ask_due_s = time.monotonic() + _ASK_PERIOD_S
+            for node, client in self._askers.items():
+                if client.service_is_ready():
+                    request = GetParameters.Request(names=list(_ASKED[node]))
+                    client.call_async(request).add_done_callback(partial(self._on_answer, node))
+
+    def _on_answer(self, node: str, future: Future) -> None:
+        response = future.result()
+        if response is None or len(response.values) != len(_ASKED[node]):
+            return
+        values = [_value(value) for value in response.values]
+        if node == ESTIMATOR:
+            if not self._p.part_file and isinstance(values[0], str) and values[0]:
+                self._take_part_file(values[0])
+            return
+        allowed, control, cell = values
+        self._take(
+            self._operation.screen.take_allowed,
+            allowed is True or control == "simulated" or bool(cell),
+        )
+
+    def _take_part_file(self, path: str) -> None:
+        """Take a part file that a parameter names, here or at the estimator: never a page."""
+        try:
+            content = Path(path).read_bytes()
+            if (path, content) == self._part_file:
+                return
+            self._part_file = (path, content)
+            self._take(self._operation.screen.take_part_or_why, load_part(path))
+        except (InputError, OSError) as error:
+            self._take(self._operation.screen.take_part_or_why, str(error))
+
+    # --- what is told --------------------------------------------------------------------------
+
+    def _record(self, asker: Asker, command: Command, answer: Answer | None) -> None:
+        """Publish a command, for the recorder; called in the server's thread."""
+        outcome = OperatorCommand.ASKED
+        if answer is not None:
+            outcome = OperatorCommand.ACCEPTED if answer.accepted else OperatorCommand.REFUSED
+        self._commands.publish(
+            OperatorCommand(
+                stamp=time_from_ns(time.time_ns()),
+                who=asker.who,
+                role=asker.role,
+                command=command.name,
+                arguments=json.dumps(dict(command.arguments), sort_keys=True),
+                key=command.key,
+                outcome=outcome,
+                reason="" if answer is None else answer.said.in_language("en"),
+            )
+        )
+
+    def _introduce(self) -> None:
+        where = self._where
+        scheme = "https" if where.secure else "http"
+        name = where.names()[0] if where.names() and not where.alone else "127.0.0.1"
+        self.get_logger().info(f"The page is at {scheme}://{name}:{where.port}/")
+        if not where.alone:
+            self._tell_tokens()
+            if not where.secure:
+                self.get_logger().warning(
+                    "Other computers reach this page without TLS: whoever listens on the network "
+                    "can take over a session. Give tls_certificate_file and tls_key_file."
+                )
+
+    def _tell_tokens(self) -> None:
+        if not self._where.alone:
+            for role, token in self._sessions.tokens().items():
+                self.get_logger().info(f"One-time token for another computer, {role}: {token}")
 
 
-def _not_ready(node: Node, start: Client, camera: _CameraHealth) -> str:
-    """What is still missing before the program may start; empty when nothing is."""
-    if not start.service_is_ready():
-        return "the CNC bridge"
-    if not node.get_publishers_info_by_topic("/camera/image_raw") or not camera.is_connected:
-        return "the camera"
-    listeners = {i.node_name for i in node.get_subscriptions_info_by_topic("/camera/image_raw")}
-    return " and ".join(sorted(_LISTENERS - listeners))
+def _value(value: ParameterValue) -> object:
+    if value.type == ParameterType.PARAMETER_BOOL:
+        return value.bool_value
+    return value.string_value if value.type == ParameterType.PARAMETER_STRING else None
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run as a node beside others that somebody else has started (a launch file)."""
-    transport.prepare(args)
-    console = Console()
-    try:
-        estimate = measure_alone(console, lambda: None, args)
-        console.print(estimate_table(estimate))
-    except MeasurementError as error:
-        console.print(f"omm: {error}", style="red")
-        return 1
-    except KeyboardInterrupt:
-        return 130
-    return 0 if estimate.determined else 1
+    """Run the node."""
+    return run_node(OperatorNode, args, parameters=Parameters, threads=1)

@@ -37,6 +37,9 @@ KNOWN = (
         type_name="geometry_msgs/msg/PoseWithCovarianceStamped",
         qos=_LATCHED,
     ),
+    KnownTopic(
+        name="/omm/operator_commands", type_name="omm_interfaces/msg/OperatorCommand", qos=_STATE
+    ),
     KnownTopic(name="/tf", type_name="tf2_msgs/msg/TFMessage", qos=_STREAM, shared=True),
     KnownTopic(name="/tf_static", type_name="tf2_msgs/msg/TFMessage", qos=_LATCHED, shared=True),
     KnownTopic(

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from omm_core.errors import InputError
@@ -187,6 +188,25 @@ def write_estimator_files(cell: Cell, folder: Path) -> tuple[Path, Path]:
     shutil.copyfile(cell.scenario.part_file, part)
     shutil.copyfile(cell.scenario.calibration_file, camera)
     return part, camera
+
+
+def add_wishes(part_file: Path, cell: Cell) -> None:
+    """Add to a part file how the part is wanted: level, within 0.05 mm/m; and three jacks."""
+    z = cell.scenario.placement.translation_mm[2]
+    points = np.array([target.xyz_mm for target in cell.scenario.part.targets])
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle = (low[0] + high[0]) / 2.0
+    feet = ((low[0], low[1]), (high[0], low[1]), (middle, high[1]))
+    wishes = {
+        "nominal": {"translation_mm": [None, None, float(z)], "euler_xyz_rad": [0.0, 0.0, None]},
+        "tolerances": {"alpha_rad": 5.0e-5, "beta_rad": 5.0e-5, "z_mm": 0.05},
+        "jacks": [
+            {"name": f"J{k}", "xyz_mm": [float(a), float(b), 0.0], "travel_mm": [-20.0, 20.0]}
+            for k, (a, b) in enumerate(feet, start=1)
+        ],
+    }
+    told = part_file.read_text(encoding="utf-8")
+    part_file.write_text(told + yaml.safe_dump(wishes, sort_keys=False), encoding="utf-8")
 
 
 def write_truth(cell: Cell, path: Path) -> None:

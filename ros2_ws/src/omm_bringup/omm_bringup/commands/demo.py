@@ -29,6 +29,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--camera", choices=("simulated", "gige"), default="simulated")
     parser.add_argument("--control", choices=("simulated", "linuxcnc"), default="simulated")
+    parser.add_argument(
+        "--screen", action="store_true", help="serve the operator's page, and stay until Ctrl-C"
+    )
+    parser.add_argument("--port", type=int, default=8765, help="of the page (%(default)s)")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -40,34 +44,41 @@ def run(args: argparse.Namespace) -> int:
     transport.prepare()
     from rich.console import Console
 
-    from omm_bringup.cell import simulated_cell
+    from omm_bringup.cell import operators_page, simulated_cell
     from omm_bringup.isolation import own_domain
     from omm_bringup.processes import running
     from omm_core.files.output import write_whole
     from omm_report.run_picture import save_run_picture
     from omm_report.solution_text import solution_lines
     from omm_runs.solving import SolveRunOptions, solve_run
-    from omm_simulation.cell import draw, write_estimator_files, write_truth
+    from omm_simulation.cell import add_wishes, draw, write_estimator_files, write_truth
     from omm_simulation.scenario import load_scenario
 
     console = Console(stderr=True)
     seed = int(time.time()) % 100_000 if args.seed is None else args.seed
     cell = draw(load_scenario(args.scenario), seed)
     folder = _run_folder(args.folder, cell.scenario.name, seed)
-    write_estimator_files(cell, folder)
+    part_file, _ = write_estimator_files(cell, folder)
+    if args.screen:
+        add_wishes(part_file, cell)
     console.print(f"omm: scenario {cell.scenario.name}, seed {seed}, run folder {folder}")
 
     specs = simulated_cell(
         folder, scenario=args.scenario, seed=seed, camera=args.camera, control=args.control
     )
+    if args.screen:
+        specs = (*specs, operators_page(folder, port=args.port, stops=len(cell.stops)))
     with own_domain(), running(specs, folder / "log") as nodes:
         live = _measure(nodes, console)
+        if args.screen:
+            _stay(nodes, console, args.port)
     # Written only now: nobody who measured could have looked.
     write_truth(cell, folder / "truth.json")
 
     solved = solve_run(folder / "run.mcap", SolveRunOptions())
     print("\n".join(solution_lines(solved)))
-    equal = _tell_whether_equal(console, live, solved.result)
+    # From the page, more may have been measured since.
+    equal = args.screen or _tell_whether_equal(console, live, solved.result)
     picture = save_run_picture(solved, folder / "run.png")
     console.print(f"omm: recording {folder / 'run.mcap'}")
     console.print(f"omm: picture   {picture}")
@@ -96,13 +107,24 @@ def _run_folder(chosen: Path | None, scenario: str, seed: int) -> Path:
 def _measure(nodes: "Sequence[RunningNode]", console: "Console") -> "PartEstimate":
     """Play the operator; returns the last live estimate."""
     from omm_bringup.processes import check_alive
-    from omm_operator.node import measure_alone
+    from omm_operator.measuring import measure_alone
 
     try:
         return measure_alone(console, lambda: check_alive(nodes))
     except MeasurementError as error:
         logs = nodes[0].log_file.parent
         raise MeasurementError(f"{error} The nodes' logs lie in {logs}.") from error
+
+
+def _stay(nodes: "Sequence[RunningNode]", console: "Console", port: int) -> None:
+    """Let the page be used until Ctrl-C."""
+    from omm_bringup.processes import check_alive
+    from omm_ros.interrupt import told_to_end
+
+    console.print(f"omm: the operator's page is at http://127.0.0.1:{port}/ (Ctrl-C ends)")
+    with told_to_end() as ended:
+        while not ended.wait(0.2):
+            check_alive(nodes)
 
 
 def _tell_whether_equal(

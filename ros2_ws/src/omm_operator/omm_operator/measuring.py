@@ -1,0 +1,131 @@
+"""The operator's part in a measurement: press cycle start, watch, read the result."""
+
+import time
+from collections.abc import Callable
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from omm_interfaces.msg import PartEstimate
+from rclpy.client import Client
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rich.console import Console
+from std_srvs.srv import Trigger
+
+from omm_core.errors import MeasurementError
+from omm_operator.estimate_table import estimate_table
+from omm_operator.view import OperatorView
+from omm_ros import transport
+from omm_ros.interrupt import told_to_end
+
+_READY_S = 30.0
+_SILENT_S = 60.0
+_LAST_IMAGE_S = 15.0  # after the program's end, for an image that was asked for
+_POLL_S = 0.05
+_LISTENERS = {"recorder", "estimator"}
+
+
+def measure(node: Node, console: Console, check_alive: Callable[[], None]) -> PartEstimate:
+    """Start the program once every station is there, show the progress, return the last estimate.
+
+    Parameters
+    ----------
+    check_alive : raises MeasurementError when a node has died
+
+    Raises
+    ------
+    MeasurementError
+        A station does not come, or the images stop coming.
+    """
+    with OperatorView(node, console) as view:
+        _start_program(node, check_alive)
+        console.print("omm: camera, CNC bridge, estimator and recorder run; program started")
+        heard, since = -1, time.monotonic()
+        while not view.progress.settled:
+            rclpy.spin_once(node, timeout_sec=_POLL_S)
+            check_alive()
+            view.show()
+            if view.progress.images_judged != heard:
+                heard, since = view.progress.images_judged, time.monotonic()
+            silent_s = time.monotonic() - since
+            if view.progress.came_to_an_end and silent_s > _LAST_IMAGE_S:
+                console.print(
+                    f"omm: {view.progress.images_missing} of the images asked for never came"
+                )
+                break
+            if silent_s > _SILENT_S:
+                raise MeasurementError(f"No image came for {_SILENT_S:.0f} s.")
+    assert view.progress.estimate is not None
+    return view.progress.estimate
+
+
+def measure_alone(
+    console: Console, check_alive: Callable[[], None], arguments: list[str] | None = None
+) -> PartEstimate:
+    """`measure` in a process without other nodes; as it does, and KeyboardInterrupt at Ctrl-C."""
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        with told_to_end() as ended:
+
+            def check() -> None:
+                if ended.is_set():
+                    raise KeyboardInterrupt
+                check_alive()
+
+            return measure(Node("operator"), console, check)
+    finally:
+        rclpy.try_shutdown()
+
+
+def _start_program(node: Node, check_alive: Callable[[], None]) -> None:
+    start = node.create_client(Trigger, "/cnc_bridge/start_program")
+    camera = _CameraHealth(node)
+    deadline = time.monotonic() + _READY_S
+    while missing := _not_ready(node, start, camera):
+        rclpy.spin_once(node, timeout_sec=_POLL_S)
+        check_alive()
+        if time.monotonic() > deadline:
+            raise MeasurementError(f"Waited {_READY_S:.0f} s for {missing}.")
+    answer = start.call_async(Trigger.Request())
+    rclpy.spin_until_future_complete(node, answer, timeout_sec=_READY_S)
+    if not answer.done() or not answer.result().success:
+        why = answer.result().message if answer.done() else "no answer"
+        raise MeasurementError(f"The control did not start its program: {why}.")
+
+
+class _CameraHealth:
+    """What the camera node says of its connection."""
+
+    def __init__(self, node: Node) -> None:
+        self.is_connected = False
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == "camera: connection":
+                self.is_connected = status.level == DiagnosticStatus.OK
+
+
+def _not_ready(node: Node, start: Client, camera: _CameraHealth) -> str:
+    """What is still missing before the program may start; empty when nothing is."""
+    if not start.service_is_ready():
+        return "the CNC bridge"
+    if not node.get_publishers_info_by_topic("/camera/image_raw") or not camera.is_connected:
+        return "the camera"
+    listeners = {i.node_name for i in node.get_subscriptions_info_by_topic("/camera/image_raw")}
+    return " and ".join(sorted(_LISTENERS - listeners))
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run as a node beside others that somebody else has started (a launch file)."""
+    transport.prepare(args)
+    console = Console()
+    try:
+        estimate = measure_alone(console, lambda: None, args)
+        console.print(estimate_table(estimate))
+    except MeasurementError as error:
+        console.print(f"omm: {error}", style="red")
+        return 1
+    except KeyboardInterrupt:
+        return 130
+    return 0 if estimate.determined else 1

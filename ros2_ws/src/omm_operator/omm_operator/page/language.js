@@ -1,0 +1,49 @@
+// Words by key, numbers as the language writes them.
+
+const COMMA = new Set(["de", "es", "eu"]);
+export const LANGUAGES = { en: "English", de: "Deutsch", es: "Español", eu: "Euskara" };
+let words = {};
+export let language = "en";
+
+export async function choose(name) {
+  const answer = await fetch(`/language/${name}.json`);
+  if (!answer.ok) return;
+  words = await answer.json();
+  language = name;
+  document.documentElement.lang = name;
+}
+
+export function t(key, args) {
+  const template = words[key];
+  if (template === undefined) return key;
+  return template.replace(/\{([a-z_]+)\}/g, (_, name) => decimal(String(args?.[name] ?? "")));
+}
+
+// What the server says: its key, else its English text.
+export function tell(said) {
+  if (!said) return "";
+  return said.key in words ? t(said.key, said.args) : said.text;
+}
+
+export function decimal(text) {
+  return COMMA.has(language) ? text.replace(/(?<![\d.])([+-]?\d+)\.(\d+)(?![\d.])/g, "$1,$2") : text;
+}
+
+export function fixed(value, digits, sign) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
+  const text = value.toFixed(digits);
+  const plain = Number(text) === 0 ? text.replace("-", "") : text;
+  return decimal((sign && Number(text) > 0 ? "+" : "") + plain).replace("-", "−");
+}
+
+export function age(seconds) {
+  if (seconds === null || seconds === undefined) return "–";
+  if (seconds < 120) return t("age.seconds", { n: Math.floor(seconds) });
+  if (seconds < 7200) return t("age.minutes", { n: Math.floor(seconds / 60) });
+  return t("age.hours", { n: Math.floor(seconds / 3600) });
+}
+
+export function clock(ms) {
+  const at = new Date(ms);
+  return [at.getHours(), at.getMinutes(), at.getSeconds()].map((n) => String(n).padStart(2, "0")).join(":");
+}

@@ -1,0 +1,111 @@
+"""What commands have other nodes do, by their services."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from omm_interfaces.srv import WorkOffset
+from rclpy.client import Client
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from omm_operator.conversions import offset_fact, offset_request
+from omm_operator.operating import Refused
+from omm_operator.screen.facts import OffsetFact
+
+_ANSWER_S = 20.0
+_REPORT_S = 300.0
+
+
+class RosActions:
+    """Calls the services of bridge and estimator; the recording's place comes from the recorder.
+
+    Parameters
+    ----------
+    node : the node that asks
+    recording : callable
+        Path of the recording that is being made; empty where there is none.
+    """
+
+    def __init__(self, node: Node, recording: Callable[[], str]) -> None:
+        self._start = node.create_client(Trigger, "/cnc_bridge/start_program")
+        self._offset = node.create_client(WorkOffset, "/cnc_bridge/work_offset")
+        self._clamping = node.create_client(Trigger, "/estimator/new_clamping")
+        self._recording = recording
+
+    async def start_program(self) -> None:
+        """Have the control start its measuring program."""
+        await _ask(self._start, Trigger.Request(), "the CNC bridge")
+
+    async def new_clamping(self) -> None:
+        """Have the estimator forget all images."""
+        await _ask(self._clamping, Trigger.Request(), "the estimator")
+
+    async def work_offset(self, name: str, wanted: OffsetFact | None) -> OffsetFact:
+        """Return a work offset as the control has it, after writing it where one is given."""
+        response = await _ask(self._offset, offset_request(name, wanted), "the CNC bridge")
+        return offset_fact(name, response)
+
+    async def report(self) -> bytes:
+        """Return the measurement so far as PDF, made by a process of its own."""
+        recording = self._recording()
+        if not recording:
+            raise Refused("The recorder has not said where it records.")
+        with TemporaryDirectory(prefix="omm-report-") as folder:
+            out = Path(folder) / "report.pdf"
+            process = await asyncio.create_subprocess_exec(
+                sys.executable, "-m", "omm_operator.reporting", recording, str(out),
+                stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE,
+            )  # fmt: skip
+            try:
+                _, told = await asyncio.wait_for(process.communicate(), _REPORT_S)
+            except asyncio.TimeoutError as error:
+                process.kill()
+                raise Refused(f"The report was not ready after {_REPORT_S:g} s.") from error
+            if process.returncode != 0:
+                words = told.decode(errors="replace").strip().splitlines()
+                raise Refused(words[-1] if words else "The report failed without a word.")
+            return out.read_bytes()
+
+
+async def _ask(client: Client, request: Any, who: str) -> Any:
+    """Return a service's answer.
+
+    Raises
+    ------
+    Refused
+        Where nobody answers, or the answer is no.
+    """
+    if not client.service_is_ready():
+        raise Refused(f"No answer from {who}.")
+    loop = asyncio.get_running_loop()
+    answer: asyncio.Future[Any] = loop.create_future()
+
+    def done(future: Any) -> None:
+        loop.call_soon_threadsafe(_settle, answer, future)
+
+    asked = client.call_async(request)
+    asked.add_done_callback(done)
+    try:
+        response = await asyncio.wait_for(answer, _ANSWER_S)
+    except asyncio.TimeoutError as error:
+        client.remove_pending_request(asked)
+        raise Refused(f"No answer from {who} within {_ANSWER_S:g} s.") from error
+    if not response.success:
+        raise Refused(response.message or f"{who} refused and did not say why.")
+    return response
+
+
+def _settle(answer: asyncio.Future[Any], future: Any) -> None:
+    if answer.done():
+        return
+    error = future.exception()
+    if error is not None:
+        answer.set_exception(Refused(str(error)))
+    else:
+        answer.set_result(future.result())

@@ -1,0 +1,1 @@
+"""The page's server: who may look, who may command, and nothing else."""

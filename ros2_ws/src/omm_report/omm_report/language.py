@@ -1,0 +1,112 @@
+"""Words in the languages of those who read them: a key and its arguments, looked up in a catalogue.
+
+A catalogue is ``languages/LANGUAGE.json``: one flat object, the same keys and placeholders in each.
+What nodes say in English is recognised by its template (keys that begin ``said.``), so that a key
+and its arguments come out of it again: see `recognise`.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from omm_core.errors import InputError
+
+LANGUAGES = ("en", "de", "es", "eu")
+FOLDER = Path(__file__).with_name("languages")
+_DECIMAL_COMMA = frozenset({"de", "es", "eu"})
+_PLACEHOLDER = re.compile(r"\{([a-z_]+)\}")
+_DECIMAL = re.compile(r"(?<![\d.])([+-]?\d+)\.(\d+)(?![\d.])")
+VERBATIM = "said.verbatim"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Said:
+    """What is to be said: the key of the catalogue and its arguments."""
+
+    key: str
+    args: Mapping[str, str] = field(default_factory=dict)
+
+    def in_language(self, language: str = "en") -> str:
+        """Return the words in a language."""
+        return text(self.key, language, **self.args)
+
+    def to_json_dict(self) -> dict[str, Any]:
+        """Return what a page gets: key, arguments, and the English text for who cannot look up."""
+        return {"key": self.key, "args": dict(self.args), "text": self.in_language()}
+
+
+def say(key: str, **args: object) -> Said:
+    """Return something to be said; the arguments as they are to be read (decimal point)."""
+    return Said(key=key, args={name: str(value) for name, value in args.items()})
+
+
+@functools.cache
+def catalogue(language: str) -> Mapping[str, str]:
+    """Return a language's catalogue.
+
+    Raises
+    ------
+    InputError
+        Where there is no such language.
+    """
+    if language not in LANGUAGES:
+        raise InputError(f"Expected a language out of {', '.join(LANGUAGES)}, got '{language}'.")
+    loaded: dict[str, str] = json.loads((FOLDER / f"{language}.json").read_text(encoding="utf-8"))
+    return loaded
+
+
+def text(key: str, language: str = "en", **args: str) -> str:
+    """Return the words for a key, with its arguments in place and numbers as the language has them.
+
+    Raises
+    ------
+    KeyError
+        Where the catalogue does not know the key, or an argument is missing.
+    """
+    template = catalogue(language)[key]
+    return _PLACEHOLDER.sub(lambda found: number_text(args[found[1]], language), template)
+
+
+def number_text(words: str, language: str) -> str:
+    """Return words with the decimal sign of a language."""
+    return _DECIMAL.sub(r"\1,\2", words) if language in _DECIMAL_COMMA else words
+
+
+def placeholders(template: str) -> list[str]:
+    """Return the names of a template's arguments, sorted."""
+    return sorted(_PLACEHOLDER.findall(template))
+
+
+def recognise(words: str) -> Said:
+    """Return key and arguments of what a node said in English; verbatim where it is not known."""
+    for key, pattern in _patterns():
+        found = pattern.fullmatch(words)
+        if found is not None:
+            return Said(key=key, args=found.groupdict())
+    return Said(key=VERBATIM, args={"text": words})
+
+
+@functools.cache
+def _patterns() -> tuple[tuple[str, re.Pattern[str]], ...]:
+    """Return the templates of what nodes say, those with the most words first."""
+    templates = [
+        (key, template)
+        for key, template in catalogue("en").items()
+        if key.startswith("said.") and key != VERBATIM
+    ]
+    templates.sort(key=lambda entry: -len(_PLACEHOLDER.sub("", entry[1])))
+    return tuple((key, _pattern(template)) for key, template in templates)
+
+
+def _pattern(template: str) -> re.Pattern[str]:
+    pieces, at = [], 0
+    for found in _PLACEHOLDER.finditer(template):
+        pieces += [re.escape(template[at : found.start()]), f"(?P<{found[1]}>.+?)"]
+        at = found.end()
+    return re.compile("".join([*pieces, re.escape(template[at:])]), re.DOTALL)
