@@ -2,25 +2,44 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
+from omm_core.budget.box_map import BoxMap
 from omm_core.budget.budget import GROUPS, Budget
 from omm_core.budget.evaluation import root_sum_squares
+
+if TYPE_CHECKING:
+    from omm_runs.what_if import WhatIf
 
 Array = NDArray[np.float64]
 
 
-def budget_lines(budget: Budget) -> list[str]:
-    """Return the tables of a budget: U at each point, the worst point's contributors, verdicts."""
+def budget_lines(budget: Budget, box_map: BoxMap, helps: Sequence[WhatIf]) -> list[str]:
+    """Return the tables of a budget: points, the worst one's contributors, the box, what helps."""
     return [
         *_point_lines(budget),
         "",
         *_worst_lines(budget),
         "",
+        *("".join(f"{cell:<24}" for cell in row).rstrip() for row in map_rows(box_map)),
+        "",
         *verdict_lines(budget),
+        *(f"U there falls by {one.gain:5.1%} with {one.what}" for one in helps),
         *(f"note: {words}." for words in budget.findings),
     ]
+
+
+def map_rows(box_map: BoxMap) -> list[list[str]]:
+    """Return U_total over the part's box for each machine axis, µm, and where it is largest."""
+    rows = [["over the box, µm", "smallest", "mean", "largest", "at x y z, mm (part)"]]
+    for name, low, mean, high, place in box_map.table():
+        cells = [f"{1e3 * value:.1f}" for value in (low, mean, high)]
+        rows.append([f"U {name}", *cells, " ".join(f"{v:g}" for v in place)])
+    return rows
 
 
 def verdict_lines(budget: Budget) -> list[str]:

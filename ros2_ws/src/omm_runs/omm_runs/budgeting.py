@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from omm_core.budget.box_map import BoxMap, grid_of
 from omm_core.budget.budget import Budget, Coverage, evaluate
 from omm_core.budget.budget_file import BudgetFile, NamedPoint, load_budget_file
 from omm_core.budget.campaign import Campaign, mean_theta, point_studies
-from omm_core.budget.evaluation import Contribution, standard
+from omm_core.budget.evaluation import Contribution, combine, standard
 from omm_core.budget.machine import geometry_left_mm
 from omm_core.budget.sources import (
     box_points,
@@ -69,7 +70,7 @@ def load_sources(path: Path) -> BudgetSources:
     file = load_budget_file(path)
     part = load_part(file.part)
     given = file.u_ip
-    run = _solved(given.run) if given is not None and given.run is not None else None
+    run = _solved(given.run, file.machine) if given is not None and given.run is not None else None
     campaign = None
     if given is not None and given.campaign is not None:
         campaign, _ = campaign_of(given.campaign)
@@ -89,9 +90,8 @@ def load_sources(path: Path) -> BudgetSources:
         placed = _nominal(part)
     machine = None
     if file.machine is not None:
-        machine = load_machine(file.machine).uncertainty
-        if machine.stop_sigma_mm is None and machine.geometry_sigma_mm is None:
-            findings.append("the machine file declares no uncertainty: u_machine counts as 0")
+        machine, words = _as_estimated(load_machine(file.machine).uncertainty, run)
+        findings += words
     return BudgetSources(
         file=file,
         part=part,
@@ -105,7 +105,11 @@ def load_sources(path: Path) -> BudgetSources:
 
 def budget_of(path: Path) -> Budget:
     """Evaluate a budget.yaml at its points."""
-    sources = load_sources(path)
+    return budget_from(load_sources(path))
+
+
+def budget_from(sources: BudgetSources) -> Budget:
+    """Evaluate a budget at the points that its file names."""
     return budget_at(sources, sources.file.points or box_points(sources.part))
 
 
@@ -116,15 +120,31 @@ def budget_at(sources: BudgetSources, points: Sequence[NamedPoint]) -> Budget:
     return evaluate(
         points,
         contributions,
-        correlation={
-            (one.name, other): r
-            for one in file.contributors
-            for other, r in one.correlation.items()
-        },
-        coverage=Coverage(factor=file.coverage_factor, probability=file.coverage_probability),
+        correlation=_correlation(file),
+        coverage=_coverage(file),
         tolerance_mm=file.tolerance_mm,
         findings=(*sources.findings, *findings),
     )
+
+
+def map_of(sources: BudgetSources, steps: int = 9) -> BoxMap:
+    """Return U_total over the part's box, by the GUM, on a grid of so many steps each way."""
+    axes, grid = grid_of(sources.part.box(), steps)
+    points = [NamedPoint(name="", xyz_mm=xyz) for xyz in grid.reshape(-1, 3)]
+    contributions, _ = contributions_at(sources, points)
+    combined = combine(contributions, _correlation(sources.file))
+    expanded = _coverage(sources.file).factors(combined) * combined.standard_uncertainty_mm
+    return BoxMap(axes_mm=axes, expanded_mm=expanded.reshape(grid.shape))
+
+
+def _correlation(file: BudgetFile) -> dict[tuple[str, str], float]:
+    return {
+        (one.name, other): r for one in file.contributors for other, r in one.correlation.items()
+    }
+
+
+def _coverage(file: BudgetFile) -> Coverage:
+    return Coverage(factor=file.coverage_factor, probability=file.coverage_probability)
 
 
 def contributions_at(
@@ -222,6 +242,28 @@ def _of_machine(sources: BudgetSources, xyz: Array) -> tuple[Contribution, list[
     )
 
 
+def _as_estimated(
+    declared: MachineUncertainty, run: SolvedRun | None
+) -> tuple[MachineUncertainty, list[str]]:
+    """Return what is declared of the machine, and for the rest what the run shows."""
+    missing = [key for key in ("stop_sigma_mm", "geometry_sigma_mm") if not _told(declared, key)]
+    if not missing:
+        return declared, []
+    shown = run.result.solution.machine if run is not None else None
+    if shown is None:
+        return declared, [f"u_machine: {' and '.join(missing)} not declared, counts as 0"]
+    keys = ("stop_sigma_mm", "geometry_sigma_mm", "geometry_length_mm")
+    taken = {key: getattr(shown, key).median for key in keys if not _told(declared, key)}
+    return (
+        replace(declared, **taken),
+        [f"u_machine: {' and '.join(missing)} not declared, taken as the run shows"],
+    )
+
+
+def _told(declared: MachineUncertainty, key: str) -> bool:
+    return getattr(declared, key) is not None
+
+
 def _stops(
     run: SolvedRun, machine_T_part: RigidTransform
 ) -> tuple[Array, list[tuple[Array, list[int]]]]:
@@ -238,8 +280,8 @@ def _stops(
     return np.array([place[stamp] for stamp in stamps]), seen
 
 
-def _solved(path: Path) -> SolvedRun:
-    solved = solve_run(path, SolveRunOptions())
+def _solved(path: Path, machine: Path | None) -> SolvedRun:
+    solved = solve_run(path, SolveRunOptions(machine_file=machine))
     result = solved.result
     if not result.determined or not result.solution.converged:
         reasons = "; ".join([*result.missing, *result.findings])

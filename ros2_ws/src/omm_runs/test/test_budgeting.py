@@ -7,8 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from omm_core.budget.machine import geometry_left_mm
 from omm_core.errors import InputError
-from omm_runs.budgeting import budget_of
+from omm_core.geometry import RigidTransform
+from omm_runs.budgeting import budget_from, budget_of, load_sources, map_of
+from omm_runs.what_if import what_ifs
 
 PART = """
 part: {name: block}
@@ -165,3 +168,114 @@ u_out: {points: survey.json}
 def test_a_budget_that_cannot_be_meant_is_refused(budget, text: str, told: str) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(InputError, match=told):
         budget(text)
+
+
+def write(folder: Path, text: str) -> Path:
+    (folder / "budget.yaml").write_text(text)
+    return folder
+
+
+def test_u_ip_of_a_run_is_its_covariance_at_the_point(bench: Path, tmp_path: Path) -> None:
+    text = f"""
+part: {bench}/part.yaml
+points: [{{name: P, xyz_mm: [700, 300, 200]}}]
+u_ip: {{run: {bench}}}
+"""
+    sources = load_sources(write(tmp_path, text))
+    found = budget_from(sources).to_json_dict()["points"][0]["u_ip_mm"]
+    assert sources.run is not None
+    solution = sources.run.result.solution
+    random = np.random.default_rng(1)
+    thetas = random.multivariate_normal(solution.theta[:6], solution.covariance[:6, :6], 20_000)
+    at = [
+        RigidTransform.from_euler_xyz_rad(t[0], t[1], t[2], t[3:6]) @ np.array([700, 300, 200])
+        for t in thetas
+    ]
+    assert found == pytest.approx(np.std(at, axis=0), rel=0.03)
+
+
+def test_what_helps_is_computed_again_and_the_largest_comes_first(
+    bench: Path, tmp_path: Path
+) -> None:
+    text = f"""
+part: {bench}/part.yaml
+u_ip: {{run: {bench}}}
+contributors:
+  - {{name: fixture, distribution: uniform, half_width: 0.02, sensitivity: [1, 0, 0]}}
+"""
+    sources = load_sources(write(tmp_path, text))
+    budget = budget_from(sources)
+    helps = what_ifs(sources, budget)
+    point, axis = budget.worst
+    assert axis == 0
+    # Half of the only large contributor halves U, but for what the run leaves.
+    u_ip = budget.combined.standard_uncertainty_mm[point, 0] ** 2 - 0.02**2 / 3
+    expected = 1 - math.sqrt((0.01**2 / 3 + u_ip) / (0.02**2 / 3 + u_ip))
+    assert helps[0].what == "half of fixture"
+    assert helps[0].gain == pytest.approx(expected)
+    alone = load_sources(write(tmp_path, text[: text.index("contributors")]))
+    gains = {one.what: one.gain for one in what_ifs(alone, budget_from(alone))}
+    # Image noise alone acts in this run: twice the images, 1 - 1/√2 of U less at most.
+    assert 0.1 < gains["twice the images in the machine"] < 0.35
+
+
+def test_a_second_scale_bar_takes_half_of_the_scales_variance(tmp_path: Path) -> None:
+    random = np.random.default_rng(2)
+    places = random.uniform(-1000, 1000, (12, 3)) * [1, 1, 0.3]
+    along = (places - places.mean(axis=0)).reshape(-1)
+    scale, rest = 30e-6, 0.004
+    covariance = scale**2 * np.outer(along, along) + rest**2 * np.eye(36)
+    names = [str(i + 1) for i in range(12)]
+    np.save(tmp_path / "full.npy", covariance)
+    points = [
+        {"name": n, "coded": True, "id": int(n), "xyz_mm": p.tolist(),
+         "covariance_mm2": covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3].tolist()}
+        for i, (n, p) in enumerate(zip(names, places))
+    ]  # fmt: skip
+    survey = {
+        "target_family": "aicon12", "coded_dot_diameter_mm": 5, "points": points,
+        "full_covariance": {"file": "full.npy", "order": names},
+    }  # fmt: skip
+    (tmp_path / "survey.json").write_text(json.dumps(survey))
+    targets = "\n".join(
+        f"  - {{id: {n}, xyz_mm: {p.tolist()}, dot_diameter_mm: 5}}" for n, p in zip(names, places)
+    )
+    (tmp_path / "part.yaml").write_text(
+        f"part: {{name: block}}\ntarget_family: aicon12\ntargets:\n{targets}\n"
+    )
+    named = ", ".join(f"{{name: '{n}', xyz_mm: {p.tolist()}}}" for n, p in zip(names, places))
+    sources = load_sources(
+        write(tmp_path, f"part: part.yaml\npoints: [{named}]\nu_out: {{points: survey.json}}\n")
+    )
+    budget = budget_from(sources)
+    point, axis = budget.worst
+    reach = (places - places.mean(axis=0))[point, axis] ** 2 * scale**2
+    gains = {one.what: one.gain for one in what_ifs(sources, budget)}
+    expected = 1 - math.sqrt((reach / 2 + rest**2) / (reach + rest**2))
+    assert gains["a second scale bar"] == pytest.approx(expected, abs=0.02)
+
+
+def test_the_box_is_worst_at_its_farthest_corner(tmp_path: Path) -> None:
+    (tmp_path / "part.yaml").write_text(PART)
+    sources = load_sources(write(tmp_path, BENCH))
+    box_map = map_of(sources, steps=5)
+    assert box_map.expanded_mm.shape == (5, 5, 5, 3)
+    for axis, at in enumerate(([1500, 0, 0], [0, 1000, 0], [0, 0, 500])):
+        place, largest = box_map.worst_of_axis(axis)
+        assert place[axis] == at[axis]
+        assert 1e3 * largest == pytest.approx([148.6, 151.8, 148.4][axis], abs=0.1)
+
+
+def test_geometry_beyond_the_pose_is_nothing_for_errors_that_are_the_same_everywhere() -> None:
+    stops = np.array([[x, y, 400.0] for x in (0, 1500) for y in (0, 1000)], dtype=float)
+    seen = [(place - [0, 0, 300], [k]) for k, place in enumerate(stops)]
+    at = np.array([[700.0, 500.0, 100.0], [1500.0, 1000.0, 100.0], [750.0, 500.0, -900.0]])
+    tool = np.array([0.0, 0.0, -300.0])
+    wide = geometry_left_mm(0.015, 1e6, stops, seen, at, tool)
+    # What is left is how far errors differ over 1.5 m: σ d / l = 2e-5 mm.
+    assert wide == pytest.approx(0.0, abs=3e-5)
+    # Errors that have nothing to do with each other: the point's own, and the fit's.
+    narrow = geometry_left_mm(0.015, 1.0, stops, seen, at, tool)
+    assert np.all(narrow > 0.015)
+    near = geometry_left_mm(0.015, 700.0, stops, seen, at, tool)
+    assert np.all(near[1] < near[2])

@@ -11,17 +11,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "budget", metavar="BUDGET.yaml", type=Path, help="or the folder that holds it"
     )
     parser.add_argument("--json", metavar="OUT", type=Path, help="write the result as JSON")
+    parser.add_argument("--report", metavar="PDF", type=Path, help="write it as a document")
+    parser.add_argument("--picture", metavar="PNG", type=Path, help="draw U over the part's box")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Evaluate, print, write what was asked for."""
     from omm_core.files.output import write_whole
     from omm_report.budget_text import budget_lines
-    from omm_runs.budgeting import budget_of
+    from omm_runs.budgeting import budget_from, load_sources, map_of
+    from omm_runs.what_if import what_ifs
 
-    budget = budget_of(arguments.budget)
+    sources = load_sources(arguments.budget)
+    budget, box_map = budget_from(sources), map_of(sources)
+    helps = what_ifs(sources, budget)
     if arguments.json is not None:
-        content = json.dumps(budget.to_json_dict(), indent=1, allow_nan=False)
-        write_whole(arguments.json, content + "\n")
-    print("\n".join(budget_lines(budget)))
+        content = budget.to_json_dict() | {
+            "map": box_map.to_json_dict(),
+            "what_if": [{"what": one.what, "gain": one.gain} for one in helps],
+        }
+        write_whole(arguments.json, json.dumps(content, indent=1, allow_nan=False) + "\n")
+    if arguments.report is not None:
+        from omm_report.budget_report import budget_document
+
+        source = str(sources.file.path)
+        write_whole(arguments.report, budget_document(budget, box_map, helps, source))
+    if arguments.picture is not None:
+        from omm_report.budget_figures import figure_png, map_figure
+
+        write_whole(arguments.picture, figure_png(map_figure(box_map)))
+    print("\n".join(budget_lines(budget, box_map, helps)))
     return 0

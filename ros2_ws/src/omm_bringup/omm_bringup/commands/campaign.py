@@ -25,6 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--jobs", type=int, metavar="N", help="processes (default: one a core)")
     parser.add_argument("--json", metavar="OUT", type=Path, help="write the result as JSON")
+    parser.add_argument("--report", metavar="PDF", type=Path, help="write it as a document")
+    parser.add_argument("--picture", metavar="PNG", type=Path, help="draw it, by clamping")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -44,8 +46,28 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json is not None:
         content = json.dumps(campaign_dict(campaign), indent=1, allow_nan=False)
         write_whole(arguments.json, content + "\n")
+    _documents(arguments, campaign)
     print("\n".join(campaign_lines(campaign, beside_paper=arguments.campaign is None)))
     return 0
+
+
+def _documents(arguments: argparse.Namespace, campaign) -> None:  # type: ignore[no-untyped-def]
+    from omm_core.files.output import write_whole
+
+    simulated = arguments.campaign is None
+    if arguments.report is not None:
+        from omm_report.budget_report import campaign_document
+
+        source = (
+            f"simulation, scenario {arguments.scenario}, seed {arguments.seed}"
+            if simulated
+            else str(arguments.campaign)
+        )
+        write_whole(arguments.report, campaign_document(campaign, source, beside_paper=simulated))
+    if arguments.picture is not None:
+        from omm_report.budget_figures import campaign_figure, figure_png
+
+        write_whole(arguments.picture, figure_png(campaign_figure(campaign)))
 
 
 def _simulated(arguments, spread_over):

@@ -31,6 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="touch the points in the cell of a simulated run, and write them there",
     )
     parser.add_argument("--json", metavar="OUT", type=Path, help="write the result as JSON")
+    parser.add_argument("--report", metavar="PDF", type=Path, help="write it as a document")
+    parser.add_argument("--picture", metavar="PNG", type=Path, help="draw the errors")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -59,5 +61,13 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json is not None:
         content = json.dumps(probing_dict(check), indent=1, allow_nan=False)
         write_whole(arguments.json, content + "\n")
+    if arguments.report is not None:
+        from omm_report.budget_report import probing_document
+
+        write_whole(arguments.report, probing_document(check, str(arguments.run)))
+    if arguments.picture is not None:
+        from omm_report.budget_figures import figure_png, probing_figure
+
+        write_whole(arguments.picture, figure_png(probing_figure(check)))
     print("\n".join(probing_lines(check)))
     return 0
