@@ -12,9 +12,13 @@ from io import BytesIO
 from typing import IO, NamedTuple
 
 from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
+LARGEST_RECORD = 1 << 30
+LARGEST_CHUNK = 512 << 20
+"""Uncompressed; an image of 150 MP with 16 bits has 300 MB."""
 MAGIC = b"\x89MCAP0\r\n"
 PREFIX = struct.Struct("<BQ")
 MESSAGE = struct.Struct("<HIQQ")
@@ -33,6 +37,14 @@ class CutShort(Exception):
 
 class Damaged(Exception):
     """The content of a record is not what was written."""
+
+
+# What reading a damaged file ends in, by where the damage is: ours, the mcap library's, and those
+# of what it uses.
+UNREADABLE = (
+    CutShort, Damaged, McapError, struct.error, ValueError, KeyError, IndexError, TypeError,
+    OverflowError, MemoryError, OSError, EOFError,
+)  # fmt: skip
 
 
 class Record(NamedTuple):
@@ -86,6 +98,8 @@ def records(file: IO[bytes], start: int, end: int) -> Iterator[Record]:
 
 def content(file: IO[bytes], record: Record) -> bytes:
     """The content of a record."""
+    if record.length > LARGEST_RECORD:
+        raise Damaged(f"the record at byte {record.start - PREFIX.size} is larger than any is")
     file.seek(record.start)
     data = file.read(record.length)
     if len(data) != record.length:
@@ -137,6 +151,10 @@ def chunk_data(file: IO[bytes], head: ChunkHeader) -> memoryview:
     Damaged
         If it does not decompress, or the checksum differs.
     """
+    if max(head.uncompressed_size, head.data_size) > LARGEST_CHUNK:
+        raise Damaged(
+            f"the chunk at byte {head.data_start} says that it holds {head.uncompressed_size} bytes"
+        )
     file.seek(head.data_start)
     raw = file.read(head.data_size)
     data = decompress(raw, head.compression, head.uncompressed_size)
@@ -146,21 +164,27 @@ def chunk_data(file: IO[bytes], head: ChunkHeader) -> memoryview:
 
 
 def decompress(raw: bytes, compression: str, size: int) -> bytes:
-    """Undo a chunk's compression; `size` is what it must become."""
+    """Undo a chunk's compression; `size` is what it must become, and no more is made."""
     try:
         if compression == "":
             return raw
         if compression == "zstd":
-            import zstandard
-
-            return zstandard.ZstdDecompressor().decompress(raw, max_output_size=size)
+            return unzstd(raw, size)
         if compression == "lz4":
             import lz4.frame
 
-            return bytes(lz4.frame.decompress(raw))
+            return bytes(lz4.frame.LZ4FrameDecompressor().decompress(raw, max_length=size + 1))
     except Exception as error:  # zstd and lz4 have no common base of their errors
         raise Damaged(f"{compression} data do not decompress: {error}") from error
     raise Damaged(f"expected a chunk without compression, or lz4 or zstd, got {compression!r}")
+
+
+def unzstd(raw: bytes | memoryview, size: int) -> bytes:
+    """Undo zstd, to at most `size` + 1 bytes: what a frame says of its size is not believed."""
+    import zstandard
+
+    with zstandard.ZstdDecompressor().stream_reader(raw) as reader:
+        return reader.read(size + 1)
 
 
 def records_in_chunk(data: memoryview) -> Iterator[tuple[int, memoryview]]:

@@ -1,5 +1,6 @@
 """Messages from their bytes, by the definition that stands in the recording; no ROS needed."""
 
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -10,6 +11,9 @@ from omm_core.geometry import RigidTransform
 
 IMAGE_TYPE = "sensor_msgs/msg/Image"
 POSE_TYPE = "geometry_msgs/msg/PoseStamped"
+
+_NAME = re.compile(r"[A-Za-z]\w*/([A-Za-z]\w*/)?[A-Za-z]\w*", re.ASCII)
+_LONGEST_DEFINITION = 1 << 18
 
 
 def decoder(type_name: str, encoding: str, definition: str) -> Callable[[Any], Any]:
@@ -32,6 +36,11 @@ def decoder(type_name: str, encoding: str, definition: str) -> Callable[[Any], A
     """
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
+    # Code is made of both: names are names, and the text is as long as definitions are.
+    if not _NAME.fullmatch(type_name):
+        raise InputError(f"Expected the name of a type such as {POSE_TYPE}, got {type_name!r:.99}.")
+    if len(definition) > _LONGEST_DEFINITION:
+        raise InputError(f"The definition of {type_name} is too long to be one.")
     if not definition:
         return _from_jazzy(type_name)
     parse = {"ros2msg": get_types_from_msg, "ros2idl": lambda text, _: get_types_from_idl(text)}

@@ -1,24 +1,23 @@
 """One MCAP file: its index and its messages, also where the writer made no index."""
 
-import struct
+import itertools
 import zlib
 from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, NamedTuple
 
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.reader import SeekingReader
 from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.summary import Summary
 
 from omm_core.errors import InputError, warn
 from omm_recording import container
-from omm_recording.container import MAGIC, MESSAGE, PREFIX, CutShort, Damaged, Record
-
-# Opcode, length, start of the summary, start of its offsets, checksum (MCAP specification).
-FOOTER = struct.Struct("<BQQQI")
+from omm_recording.chained import Chain
+from omm_recording.container import MAGIC, MESSAGE, PREFIX, UNREADABLE, Damaged, Record
+from omm_recording.seal import CHAIN, parsed_chain
+from omm_recording.summary_reading import Definitions, read_header, read_summary
 
 
 class Block(NamedTuple):
@@ -55,31 +54,67 @@ class ChannelInfo:
 class McapFile:
     """An MCAP file, open for reading.
 
+    Parameters
+    ----------
+    path, file
+        The file, and the same open.
+    compare
+        Whether to compare what is read with omm's checksum chain, where it has one.
+
     Raises
     ------
     InputError
         If it is no MCAP file, or was cut short.
     """
 
-    def __init__(self, path: Path, file: IO[bytes]) -> None:
+    def __init__(self, path: Path, file: IO[bytes], *, compare: bool = True) -> None:
         self.path = path
         self._file = file
         self._check_ends()
-        try:
-            file.seek(0)
-            self._reader = SeekingReader(file)
-            self.header = self._reader.get_header()
-            summary = self._reader.get_summary() if self._summary_is_sound() else None
-        except (McapError, ValueError, KeyError, OSError) as error:
-            raise InputError(f"{path} is damaged: {error}. Try ./omm repair {path}") from error
-        self.summary = summary
+        with self._damage_told():
+            self.header = read_header(file)
+        self.summary = summary = read_summary(path, file, self.size)
+        self._chain: Chain | None = None
         self._blocks: list[Block] = []
         self.channels: dict[int, ChannelInfo] = {}
         self.counts: dict[int, int] | None = None
-        if summary is not None and _complete(summary):
-            self._take_index(summary)
-        else:
-            self._scan()
+        with self._damage_told():
+            self._chain = self._read_chain() if compare else None
+            if summary is not None and _complete(summary):
+                self._take_index(summary)
+            else:
+                self._scan()
+
+    @contextmanager
+    def _damage_told(self) -> Iterator[None]:
+        try:
+            yield
+        except UNREADABLE as error:
+            why = str(error) or type(error).__name__
+            raise InputError(
+                f"{self.path} is damaged: {why}. What is sound in it is brought into a new file by"
+                f" ./omm repair {self.path}"
+            ) from error
+
+    def _read_chain(self) -> Chain | None:
+        """Return the checksum chain of what omm recorded; None where there is none to believe."""
+        bodies = [self._content(record) for record in self._standing(Opcode.ATTACHMENT)]
+        # The name stands behind two times and its length; of others the content may be damaged.
+        named = [body for body in bodies if body[20 : 20 + len(CHAIN)] == CHAIN.encode()]
+        if not named:
+            return None
+        try:
+            chain = Chain(self._file, parsed_chain(self._attached(named[-1]).data))
+        except InputError as error:
+            warn(f"{error} Nothing else in it is compared with its checksum.")
+            return None
+        if chain.begins_well():
+            return chain
+        warn(
+            f"{self.path}: its beginning is not as omm sealed it (changed, or written anew by"
+            f" {self.header.library or 'another program'}); its checksums are not compared"
+        )
+        return None
 
     def _check_ends(self) -> None:
         size = self._file.seek(0, 2)
@@ -96,31 +131,9 @@ class McapFile:
             )
         self.size = size
 
-    def _summary_is_sound(self) -> bool:
-        """Whether the footer's checksum holds. The index decides what is read: it is not believed.
-
-        Where it does not hold the index is made anew from the records themselves. A writer that
-        wrote no checksum (0) is taken at its word.
-        """
-        self._file.seek(max(0, self.size - len(MAGIC) - FOOTER.size))
-        footer = self._file.read(FOOTER.size)
-        start, crc = 0, -1
-        if len(footer) == FOOTER.size:
-            opcode, length, start, _, crc = FOOTER.unpack(footer)
-            if (opcode, length) != (Opcode.FOOTER, FOOTER.size - PREFIX.size):
-                crc = -1
-        if crc == 0:
-            return True
-        end = self.size - len(MAGIC) - FOOTER.size
-        if crc > 0 and len(MAGIC) <= (start or end) <= end:
-            self._file.seek(start or end)
-            covered = self._file.read(end - (start or end)) + footer[:-4]
-            if zlib.crc32(covered) == crc:
-                return True
-        warn(f"{self.path}: the index is damaged (its checksum does not hold); all is read again")
-        return False
-
     def _take_index(self, summary: Summary) -> None:
+        if self._chain is not None:
+            self._compare_with_chain(self._chain, summary)
         self._take_channels(summary.schemas, summary.channels)
         for chunk in summary.chunk_indexes:
             prefix = container.PREFIX.size
@@ -134,44 +147,51 @@ class McapFile:
         if summary.statistics is not None:
             self.counts = dict(summary.statistics.channel_message_counts)
 
+    def _compare_with_chain(self, chain: Chain, summary: Summary) -> None:
+        """Make sure that the index names what was sealed: no more, no less, no other."""
+        places = {
+            Opcode.CHUNK: [chunk.chunk_start_offset for chunk in summary.chunk_indexes],
+            Opcode.ATTACHMENT: [entry.offset for entry in summary.attachment_indexes],
+            Opcode.METADATA: [entry.offset for entry in summary.metadata_indexes],
+        }
+        for opcode, offsets in places.items():
+            chain.check_index(opcode, offsets)
+        schemas = [container.read_schema(d) for d in self._sealed(chain, Opcode.SCHEMA)]
+        channels = [container.read_channel(d) for d in self._sealed(chain, Opcode.CHANNEL)]
+        if {s.id: s for s in schemas} != summary.schemas or {
+            c.id: c for c in channels
+        } != summary.channels:
+            raise Damaged("the index describes other topics than were recorded")
+
+    def _sealed(self, chain: Chain, opcode: int) -> Iterator[bytes]:
+        """The contents of the records of a kind, each as it was sealed."""
+        for offset in chain.blocks(opcode):
+            chain.check(offset)
+            (record,) = itertools.islice(container.records(self._file, offset, self.size), 1)
+            yield container.content(self._file, record)
+
     def _scan(self) -> None:
         """Make the index that the writer left out, from the heads of all records."""
-        schemas: dict[int, Schema] = {}
-        channels: dict[int, Channel] = {}
-        try:
-            for record in container.records(self._file, len(MAGIC), self.size - len(MAGIC)):
-                if record.opcode == Opcode.SCHEMA:
-                    schema = container.read_schema(container.content(self._file, record))
-                    schemas[schema.id] = schema
-                elif record.opcode == Opcode.CHANNEL:
-                    channel = container.read_channel(container.content(self._file, record))
-                    channels[channel.id] = channel
-                elif record.opcode == Opcode.CHUNK:
-                    head = container.chunk_header(self._file, record)
-                    self._blocks.append(Block(head.first_ns, head.last_ns, record, None))
-                    self._definitions_in_chunk(head, schemas, channels)
-                elif record.opcode == Opcode.MESSAGE:
-                    self._file.seek(record.start)
-                    identifier, _, log_ns, _ = MESSAGE.unpack(self._file.read(MESSAGE.size))
-                    self._blocks.append(Block(log_ns, log_ns, record, frozenset([identifier])))
-                elif record.opcode == Opcode.DATA_END:
-                    break
-        except (CutShort, Damaged, McapError) as error:
-            raise InputError(
-                f"{self.path} is damaged: {error}. Try ./omm repair {self.path}"
-            ) from error
-        self._take_channels(schemas, channels)
-
-    def _definitions_in_chunk(
-        self, head: container.ChunkHeader, schemas: dict[int, Schema], channels: dict[int, Channel]
-    ) -> None:
-        for opcode, data in container.records_in_chunk(container.chunk_data(self._file, head)):
-            if opcode == Opcode.SCHEMA:
-                schema = container.read_schema(data)
-                schemas[schema.id] = schema
-            elif opcode == Opcode.CHANNEL:
-                channel = container.read_channel(data)
-                channels[channel.id] = channel
+        found = Definitions(self.path)
+        for record in container.records(self._file, len(MAGIC), self.size - len(MAGIC)):
+            if record.opcode == Opcode.DATA_END:
+                break
+            if record.opcode in _BLOCKS:
+                self._check_sealed(record)
+            if record.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                found.take(record.opcode, container.content(self._file, record))
+            elif record.opcode == Opcode.CHUNK:
+                head = container.chunk_header(self._file, record)
+                self._blocks.append(Block(head.first_ns, head.last_ns, record, None))
+                for opcode, data in container.records_in_chunk(
+                    container.chunk_data(self._file, head)
+                ):
+                    found.take(opcode, data)
+            elif record.opcode == Opcode.MESSAGE:
+                self._file.seek(record.start)
+                identifier, _, log_ns, _ = MESSAGE.unpack(self._file.read(MESSAGE.size))
+                self._blocks.append(Block(log_ns, log_ns, record, frozenset([identifier])))
+        self._take_channels(found.schemas, found.channels)
 
     def _take_channels(self, schemas: dict[int, Schema], channels: dict[int, Channel]) -> None:
         for identifier, channel in channels.items():
@@ -205,22 +225,24 @@ class McapFile:
         InputError
             If the block is not as it was written.
         """
-        try:
+        with self._damage_told():
             if block.record.opcode == Opcode.MESSAGE:
                 data = memoryview(container.content(self._file, block.record))
                 yield (*MESSAGE.unpack_from(data), data[MESSAGE.size :])
                 return
             # Where the file system left a hole, the index points to zeros: they are no empty chunk.
             container.check_prefix(self._file, block.record)
+            self._check_sealed(block.record)
             head = container.chunk_header(self._file, block.record)
             for opcode, data in container.records_in_chunk(container.chunk_data(self._file, head)):
                 if opcode == Opcode.MESSAGE:
                     yield (*MESSAGE.unpack_from(data), data[MESSAGE.size :])
-        except (CutShort, Damaged, OSError) as error:
-            raise InputError(
-                f"{self.path} is damaged: {error}. What is sound in it is brought into "
-                f"a new file by ./omm repair {self.path}"
-            ) from error
+
+    def _check_sealed(self, record: Record) -> None:
+        """Compare a block with its checksum; chain, seal and index come after what is chained."""
+        chain, offset = self._chain, record.start - PREFIX.size
+        if chain is not None and offset < chain.end:
+            chain.check(offset)
 
     def attachments(self) -> Iterator[Attached]:
         """The files inside the recording.
@@ -231,18 +253,20 @@ class McapFile:
             Where a file's checksum does not hold: it is not as it was written.
         """
         for record in self._standing(Opcode.ATTACHMENT):
-            body = self._content(record)
-            crc = int.from_bytes(body[-4:], "little")
-            if crc and zlib.crc32(body[:-4]) != crc:
-                raise InputError(
-                    f"{self.path} is damaged: a file inside it (at byte {record.start}) is not as"
-                    " it was recorded, its checksum does not hold. Name the file to use on the"
-                    " command line."
-                )
-            attachment = Attachment.read(container.stream(body))
-            yield Attached(
-                attachment.name, attachment.media_type, attachment.log_time, attachment.data
+            yield self._attached(self._content(record))
+
+    def _attached(self, body: bytes) -> Attached:
+        crc = int.from_bytes(body[-4:], "little")
+        if crc and zlib.crc32(body[:-4]) != crc:
+            raise InputError(
+                f"{self.path} is damaged: a file inside it is not as it was recorded, its checksum"
+                " does not hold. Name the file to use on the command line."
             )
+        with self._damage_told():
+            attachment = Attachment.read(container.stream(body))
+        return Attached(
+            attachment.name, attachment.media_type, attachment.log_time, attachment.data
+        )
 
     def attachment_names(self) -> list[str]:
         """The names of the files inside, without reading them where there is an index."""
@@ -252,10 +276,11 @@ class McapFile:
 
     def metadata(self) -> dict[str, dict[str, str]]:
         """The metadata records, by their names; the last of a name counts."""
-        read = (
-            Metadata.read(container.stream(self._content(record)))
-            for record in self._standing(Opcode.METADATA)
-        )
+        with self._damage_told():
+            read = [
+                Metadata.read(container.stream(self._content(record)))
+                for record in self._standing(Opcode.METADATA)
+            ]
         return {record.name: record.metadata for record in read}
 
     def _standing(self, opcode: Opcode) -> Iterator[Record]:
@@ -274,13 +299,14 @@ class McapFile:
             yield Record(opcode, entry.offset + prefix, entry.length - prefix)
 
     def _content(self, record: Record) -> bytes:
-        try:
+        with self._damage_told():
             container.check_prefix(self._file, record)
+            self._check_sealed(record)
             return container.content(self._file, record)
-        except (CutShort, Damaged) as error:
-            raise InputError(
-                f"{self.path} is damaged: {error}. Try ./omm repair {self.path}"
-            ) from error
+
+
+_BLOCKS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.METADATA)
+"""What the chain has a link for each."""
 
 
 def _complete(summary: Summary) -> bool:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from omm_core.errors import InputError
+from omm_recording.container import LARGEST_CHUNK, unzstd
 from omm_recording.decoding import decoder
 from omm_recording.mcap_file import Attached, Block, McapFile
 from omm_recording.run_files import RunFiles, find_run, open_recording
@@ -218,9 +219,12 @@ def _plain(data: memoryview) -> memoryview:
     import zstandard
 
     try:
-        return memoryview(zstandard.ZstdDecompressor().decompressobj().decompress(data))
-    except zstandard.ZstdError as error:
+        plain = unzstd(data, LARGEST_CHUNK)
+    except (zstandard.ZstdError, MemoryError) as error:
         raise InputError(f"A message is compressed with zstd and damaged: {error}") from error
+    if len(plain) > LARGEST_CHUNK:
+        raise InputError(f"A message unpacks to more than {LARGEST_CHUNK >> 20} MB.")
+    return memoryview(plain)
 
 
 def _joined(files: tuple[McapFile, ...]) -> dict[str, Topic]:

@@ -8,6 +8,7 @@ from typing import IO, Any
 from omm_core.errors import InputError
 from omm_core.files.yaml_input import read_yaml
 
+_LARGEST_UNPACKED = 256 << 20
 UNFINISHED = ".unfinished"
 
 
@@ -95,6 +96,8 @@ def open_recording(path: Path) -> IO[bytes]:
     Unpacking goes to a temporary file without a name, so that nothing is left behind.
     """
     try:
+        if not path.is_file():  # a FIFO would wait for ever
+            raise InputError(f"Expected an MCAP file, got {path}, which is no ordinary file.")
         file = path.open("rb")
         start = file.read(4)
         file.seek(0)
@@ -105,10 +108,15 @@ def open_recording(path: Path) -> IO[bytes]:
     import zstandard
 
     unpacked = tempfile.TemporaryFile()  # noqa: SIM115 - the caller closes it
+    # Images have noise: what shrinks to less than a hundredth is no recording.
+    limit = max(_LARGEST_UNPACKED, 100 * path.stat().st_size)
     try:
-        with file:
-            zstandard.ZstdDecompressor().copy_stream(file, unpacked)
-    except zstandard.ZstdError as error:
-        raise InputError(f"{path} is compressed with zstd and damaged: {error}") from error
+        with file, zstandard.ZstdDecompressor().stream_reader(file) as reader:
+            while piece := reader.read(8 << 20):
+                unpacked.write(piece)
+                if unpacked.tell() > limit:
+                    raise InputError(f"{path} unpacks to more than {limit >> 20} MB: no recording.")
+    except (zstandard.ZstdError, OSError) as error:
+        raise InputError(f"{path} cannot be unpacked (zstd): {error}") from error
     unpacked.seek(0)
     return unpacked

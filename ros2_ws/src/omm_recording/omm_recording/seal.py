@@ -7,6 +7,7 @@ into the recording as the attachment ``omm_chain.csv`` and the last link into th
 the file's index, which `verify` makes anew and compares byte by byte.
 """
 
+import itertools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -38,9 +39,16 @@ def parsed_chain(data: bytes) -> list[Link]:
         if not text.startswith(_HEAD):
             raise ValueError(f"its first line is not {_HEAD.strip()}")
         rows = (line.split(",") for line in text[len(_HEAD) :].splitlines())
-        return [Link(offset=int(o), length=int(n), sha256=s) for o, n, s in rows]
+        links = [Link(offset=int(o), length=int(n), sha256=s) for o, n, s in rows]
+        for before, link in itertools.pairwise(links):
+            if before.offset + before.length != link.offset:
+                raise ValueError(f"it has a hole before byte {link.offset}")
+        for link in links:
+            if len(bytes.fromhex(link.sha256)) != 32 or link.offset < 0 or link.length < 1:
+                raise ValueError(f"its link at byte {link.offset} is none")
     except ValueError as error:
         raise InputError(f"The recording's checksum chain is not readable: {error}") from error
+    return links
 
 
 def sealed(links: Sequence[Link], key_file: Path | None) -> dict[str, str]:
