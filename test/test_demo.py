@@ -78,8 +78,8 @@ def test_the_live_estimate_and_the_solved_one_are_equal(measured: Path) -> None:
 def test_the_operator_is_told_progress_and_uncertainty(measured: Path) -> None:
     told = (measured / "output.txt").read_text()
     assert "8 images, targets seen" in told
-    assert "U (k=2)" in told
-    assert "in sigma" in told
+    assert "U (95 %)" in told
+    assert "of U" in told
 
 
 def test_the_run_folder_holds_all_that_is_needed(measured: Path) -> None:

@@ -75,7 +75,7 @@ def test_a_machine_with_errors_is_solved_and_its_noise_told(cell, stop_um, geome
 
 def test_a_shift_and_turn_of_all_stops_does_nothing_to_own_coordinates(model):
     """What no run can see is not in the statement that is believable: r f takes it out."""
-    places, rotation = model.problem.d_cnc, model.adjustment.rotation
+    places, rotation = model.places_mm, model.adjustment.rotation
     centre = model.adjustment.d0_mm
     random = np.random.default_rng(1)
     for _ in range(5):

@@ -18,6 +18,7 @@ from std_msgs.msg import Header
 
 from omm_core.geometry import RigidTransform, holder_rotation, rotation_from_euler_xyz_rad
 from omm_core.imaging.calibration import CameraCalibration
+from omm_core.part_pose.posterior import PoseStatement
 from omm_core.session.result import MeasurementResult
 from omm_core.targets import Detection
 from omm_ros.conversions import MM_PER_M, pose_from_transform, time_from_ns, transform_message
@@ -28,16 +29,19 @@ Array = NDArray[np.float64]
 _UNIT = np.array([1.0, 1.0, 1.0, MM_PER_M, MM_PER_M, MM_PER_M, 1.0])
 
 
-def theta_si(result: MeasurementResult) -> Array:
+def theta_si(told: PoseStatement) -> Array:
     """θ in rad and m; NaN where it is not determined."""
-    return np.asarray(result.solution.theta) / _UNIT if result.determined else np.full(7, np.nan)
+    return np.asarray(told.theta) / _UNIT
 
 
-def covariance_si(result: MeasurementResult) -> Array:
+def covariance_si(told: PoseStatement) -> Array:
     """Covariance of θ, (7, 7), rad and m."""
-    if not result.determined:
-        return np.full((7, 7), np.nan)
-    return np.asarray(result.solution.covariance) / np.outer(_UNIT, _UNIT)
+    return np.asarray(told.covariance) / np.outer(_UNIT, _UNIT)
+
+
+def expanded_uncertainty_si(told: PoseStatement) -> Array:
+    """U of θ, (7,), rad and m."""
+    return np.asarray(told.expanded_uncertainty) / _UNIT
 
 
 def machine_T_part(result: MeasurementResult) -> RigidTransform:
@@ -62,8 +66,9 @@ def estimate_message(
         model=solution.model,
         determined=result.determined,
         converged=bool(solution.converged),
-        theta=theta_si(result),
-        covariance=covariance_si(result).ravel(),
+        theta=theta_si(solution.own),
+        covariance=covariance_si(solution.own).ravel(),
+        expanded_uncertainty=expanded_uncertainty_si(solution.own),
         rms_px=_or_nan(solution.rms_px),
         sigma0=_or_nan(solution.sigma0),
         degrees_of_freedom=int(solution.degrees_of_freedom),
@@ -74,7 +79,18 @@ def estimate_message(
         clamping=clamping,
         revoked=bool(revoked_reason),
         revoked_reason=revoked_reason,
+        absolute_theta=theta_si(solution.absolute),
+        absolute_covariance=covariance_si(solution.absolute).ravel(),
+        absolute_expanded_uncertainty=expanded_uncertainty_si(solution.absolute),
+        geometry_declared=solution.geometry_declared,
+        remarks=list(solution.remarks),
     )
+    noise = solution.machine
+    message.stop_sigma_m = math.nan if noise is None else noise.stop_sigma_mm.median / MM_PER_M
+    message.geometry_sigma_m = (
+        math.nan if noise is None else noise.geometry_sigma_mm.median / MM_PER_M
+    )
+    message.machine_estimated = [] if noise is None else list(noise.estimated)
     message.images = [
         ImageStatus(stamp=time_from_ns(i.stamp_ns), used=i.used, reason=i.reason or "")
         for i in result.images
@@ -116,7 +132,7 @@ def pose_message(result: MeasurementResult) -> PoseWithCovarianceStamped:
     message = PoseWithCovarianceStamped()
     message.header = Header(stamp=time_from_ns(newest_ns), frame_id="machine")
     message.pose.pose = pose_from_transform(machine_T_part(result))
-    message.pose.covariance = (mapping @ covariance_si(result) @ mapping.T).ravel()
+    message.pose.covariance = (mapping @ covariance_si(result.solution.own) @ mapping.T).ravel()
     return message
 
 

@@ -22,9 +22,10 @@ from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
 from omm_core.errors import InputError, OmmError
+from omm_core.files.machine import MachineUncertainty, load_machine
 from omm_core.files.part import Part, load_part, looks_like_part
 from omm_core.imaging.calibration import load_calibration
-from omm_core.session.measurement import Measurement
+from omm_core.session.measurement import Measurement, MeasurementOptions
 from omm_core.session.result import MeasurementResult
 from omm_core.warm_up import warm_up_detection, warm_up_estimation
 from omm_estimator import conversions
@@ -52,6 +53,7 @@ class EstimatorNode(LifecycleNode):
         super().__init__("estimator")
         self._p = declare(self, Parameters)
         self.failure: OmmError | None = None
+        self._machine = MachineUncertainty()
         self._measurement: Measurement | None = None
         self._pending = 0
         self._due = False
@@ -79,7 +81,9 @@ class EstimatorNode(LifecycleNode):
 
     @transition
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Read part and calibration, load the kernels; images before activation are not taken."""
+        """Read part, calibration and machine, load the kernels; no image counts before that."""
+        if self._p.machine_file:
+            self._machine = load_machine(self._p.machine_file).uncertainty
         self._begin(self._p.part_file)
         warm_up_detection()
         warm_up_estimation()
@@ -190,7 +194,7 @@ class EstimatorNode(LifecycleNode):
     def _on_new_clamping(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         assert self._measurement is not None
         part, calibration = self._measurement.part, self._measurement.calibration
-        self._measurement = Measurement(part, calibration, self._p.measurement_options())
+        self._measurement = Measurement(part, calibration, self._options())
         self._clamping += 1
         self._publish("new clamping: all images were forgotten")
         response.success, response.message = True, f"part {part.name}: all images forgotten"
@@ -215,7 +219,7 @@ class EstimatorNode(LifecycleNode):
             self._change_part_as_asked(parameters.part_file)
         self._p = parameters
         if self._measurement is not None:
-            self._measurement.solve_with(parameters.solve_options())
+            self._measurement.solve_with(parameters.solve_options(self._machine))
             self._publish()
 
     # --- outputs -------------------------------------------------------------------------------
@@ -244,6 +248,9 @@ class EstimatorNode(LifecycleNode):
         self._publish(f"new part: {part.name}")
         return part
 
+    def _options(self) -> MeasurementOptions:
+        return self._p.measurement_options(self._machine)
+
     def _begin(self, part_file: str) -> Part:
         if not part_file or not self._p.calibration_file:
             raise InputError(
@@ -251,7 +258,7 @@ class EstimatorNode(LifecycleNode):
                 f"part_file={part_file!r}, calibration_file={self._p.calibration_file!r}."
             )
         part, calibration = load_part(part_file), load_calibration(self._p.calibration_file)
-        self._measurement = Measurement(part, calibration, self._p.measurement_options())
+        self._measurement = Measurement(part, calibration, self._options())
         self._last = None
         camera = conversions.camera_frame(calibration)
         self._camera_frame.publish(TFMessage(transforms=[camera]))
@@ -278,7 +285,7 @@ class EstimatorNode(LifecycleNode):
             return
         self._holds = False
         forgotten = Measurement(
-            self._measurement.part, self._measurement.calibration, self._p.measurement_options()
+            self._measurement.part, self._measurement.calibration, self._options()
         )
         result = self._measurement.result()
         told = forgotten.result() if result.determined else result

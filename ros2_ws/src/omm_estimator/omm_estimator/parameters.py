@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from omm_core.files.machine import MachineUncertainty
 from omm_core.part_pose import SolveOptions
 from omm_core.session.measurement import MeasurementOptions
 from omm_core.session.pairing import PairingOptions
@@ -18,6 +19,9 @@ class Parameters:
         read_only=False,
     )  # fmt: skip
     calibration_file: str = parameter("", "camera.yaml: the lens, and the camera in the taper.")
+    machine_file: str = parameter(
+        "", "machine.yaml: how exact the machine is; what it leaves out is estimated.",
+    )  # fmt: skip
     model: str = parameter(
         "7d", "7d: the holder's angle is solved too; 6d: it is given.",
         choices=("7d", "6d"), read_only=False,
@@ -26,6 +30,10 @@ class Parameters:
     machine_sigma_mm: float = parameter(
         0.0, "Standard deviation of each axis' position at a stop; 0: estimated from the run.",
         minimum=0.0, read_only=False,
+    )  # fmt: skip
+    worst_machine_mm: float = parameter(
+        0.1, "No machine's geometry errs by more (standard deviation): beyond, images are refused.",
+        minimum=0.001, read_only=False,
     )  # fmt: skip
     standstill_tolerance_mm: float = parameter(
         0.005, "Poses of a spindle that stands still differ by no more.", minimum=1e-6
@@ -49,15 +57,16 @@ class Parameters:
     part_frame: str = parameter("part", "Name of the part's frame in /tf.")
     network: bool = network_parameter()
 
-    def solve_options(self) -> SolveOptions:
-        """How the core is to solve."""
+    def solve_options(self, machine: MachineUncertainty) -> SolveOptions:
+        """How the core is to solve on a machine of which that is declared."""
         return SolveOptions(
             model=self.model,  # type: ignore[arg-type]
             gamma_s_rad=self.gamma_s_rad,
             stop_sigma_mm=self.machine_sigma_mm or None,
-        )
+            worst_machine_mm=self.worst_machine_mm,
+        ).of_machine(machine)
 
-    def measurement_options(self) -> MeasurementOptions:
+    def measurement_options(self, machine: MachineUncertainty) -> MeasurementOptions:
         """What the core is to use."""
         return MeasurementOptions(
             pairing=PairingOptions(
@@ -66,7 +75,7 @@ class Parameters:
                 tolerance_mm=self.standstill_tolerance_mm,
                 tolerance_rad=self.standstill_tolerance_rad,
             ),
-            solve=self.solve_options(),
+            solve=self.solve_options(machine),
             detection=DetectionOptions(
                 polarity=self.polarity,
                 max_diameter_px=self.max_dot_diameter_px,

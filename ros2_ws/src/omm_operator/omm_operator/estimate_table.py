@@ -7,24 +7,26 @@ from rich.table import Table
 
 from omm_core.session.quantities import THETA
 
-COVERAGE = 2.0
 _MILLI = 1000.0  # from m to mm, and from rad to mm/m
 
 
 def estimate_table(estimate: PartEstimate) -> Table:
-    """The parameters of a live estimate with their expanded uncertainties."""
-    table = Table(title=f"{estimate.part}, {estimate.model}", title_justify="left")
+    """The parameters of a live estimate with U: what 95.45 % of errors are smaller than."""
+    table = Table(
+        title=f"{estimate.part}, {estimate.model}, in the machine's own coordinates",
+        title_justify="left",
+    )
     table.add_column("parameter")
     table.add_column("unit")
     table.add_column("value", justify="right")
-    table.add_column("U (k=2)", justify="right")
+    table.add_column("U (95 %)", justify="right")
     for i, quantity in enumerate(THETA):
-        sigma = math.sqrt(max(0.0, estimate.covariance[8 * i])) if estimate.determined else math.nan
+        uncertainty = estimate.expanded_uncertainty[i] if estimate.determined else math.nan
         value = estimate.theta[i]
         table.add_row(
             quantity.symbol,
             quantity.unit,
             f"{value * _MILLI:.4f}",
-            f"{COVERAGE * sigma * _MILLI:.4f}",
+            f"{uncertainty * _MILLI:.4f}",
         )
     return table

@@ -35,7 +35,11 @@ LOOK_PERIOD_S = 0.5
 CHANGES = "/parameter_events"
 DIAGNOSTICS = "/diagnostics"
 END_PATIENCE_S = 2.5
-FILES = {"part_file": "part.yaml", "calibration_file": "camera.yaml"}
+FILES = {
+    "part_file": "part.yaml",
+    "calibration_file": "camera.yaml",
+    "machine_file": "machine.yaml",
+}
 OWNER = "estimator"
 """The node whose parameters those are; no other's are believed."""
 

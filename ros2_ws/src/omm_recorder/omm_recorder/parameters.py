@@ -28,6 +28,9 @@ class Parameters:
     calibration_file: str = parameter(
         "", "Calibration file to put into the recording; empty: the one that the estimator uses."
     )
+    machine_file: str = parameter(
+        "", "Machine file to put into the recording; empty: the one that the estimator uses."
+    )
     key_file: str = parameter(
         "", "Private key (Ed25519, PEM or OpenSSH) to sign the recording with; empty: unsigned."
     )

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,6 +13,7 @@ import numpy as np
 from omm_core.alignment.tolerance import Decision, decide
 from omm_core.errors import InputError
 from omm_core.files.strict_yaml import parse_yaml
+from omm_core.part_pose.posterior import PoseStatement
 from omm_core.session.quantities import THETA
 from omm_recording.reading import Recording
 from omm_recording.run_files import find_run
@@ -22,8 +22,11 @@ from omm_report.document import Document
 from omm_report.run_picture import save_run_picture
 from omm_runs.solving import SolvedRun
 
-_COVERAGE = 2.0
-_FILES = (("part.yaml", "part_file"), ("camera.yaml", "calibration_file"), ("machine.yaml", ""))
+_FILES = (
+    ("part.yaml", "part_file"),
+    ("camera.yaml", "calibration_file"),
+    ("machine.yaml", "machine_file"),
+)
 
 
 def run_report(runs: Sequence[SolvedRun]) -> bytes:
@@ -61,11 +64,19 @@ def _add_run(document: Document, solved: SolvedRun) -> dict[str, Any]:
     for seal in seals:
         document.paragraph(f"{seal['file']}: {seal['verdict']}")
     content = result.to_json_dict()
-    uncertainty = _expanded(solved, content)
-    document.heading("Result", level=3)
-    label = "U (95.45 %)" if "expanded_uncertainty" in content else "U (k = 2)"
-    document.table([["quantity", "value", label, "unit"], *_values(solved, uncertainty)])
+    solution = result.solution
+    uncertainty = [float(U) for U in solution.expanded_uncertainty]
+    head = ["quantity", "value", "U (95.45 %)", "unit"]
+    document.heading("Result, in the machine's own coordinates", level=3)
+    document.table([head, *_values(solution.own)])
     _add_shares(document, solved)
+    document.heading("The same in an ideal machine frame (absolute)", level=3)
+    if not solution.geometry_declared:
+        document.paragraph(
+            "The machine's geometry is not declared: its errors that are longer than the part are"
+            " not in this U."
+        )
+    document.table([head, *_values(solution.absolute)])
     decisions = _decisions(solved, uncertainty, contents.get("part.yaml", b""))
     document.heading("Tolerances (ISO 14253-1)", level=3)
     if decisions:
@@ -91,12 +102,9 @@ def _add_run(document: Document, solved: SolvedRun) -> dict[str, Any]:
 _CAPTION = "Images with their targets; residuals enlarged as written below the picture."
 
 
-def _values(solved: SolvedRun, uncertainty: Sequence[float]) -> list[list[str]]:
-    theta = solved.result.solution.theta
-    return [
-        [q.symbol, f"{theta[k] * q.scale:.4f}", f"{uncertainty[k] * q.scale:.4f}", q.unit]
-        for k, q in enumerate(THETA)
-    ]
+def _values(told: PoseStatement) -> list[list[str]]:
+    values = zip(THETA, told.theta, told.expanded_uncertainty)
+    return [[q.symbol, f"{v * q.scale:.4f}", f"{U * q.scale:.4f}", q.unit] for q, v, U in values]
 
 
 def _add_shares(document: Document, solved: SolvedRun) -> None:
@@ -105,15 +113,6 @@ def _add_shares(document: Document, solved: SolvedRun) -> None:
     if shares:
         rows = [[source, *(f"{100.0 * s:.1f} %" for s in of)] for source, of in shares.items()]
         document.table([["share of the variance", *(q.symbol for q in THETA)], *rows])
-
-
-def _expanded(solved: SolvedRun, content: dict[str, Any]) -> list[float]:
-    """Return U in the order of θ: as the result states it, else two standard deviations."""
-    stated = content.get("expanded_uncertainty")
-    if stated is not None:
-        return [math.nan if u is None else float(u) for u in stated]
-    variances = np.maximum(np.diag(solved.result.solution.covariance), 0.0)
-    return [float(_COVERAGE * sigma) for sigma in np.sqrt(variances)]
 
 
 def _decisions(solved: SolvedRun, uncertainty: Sequence[float], part: bytes) -> list[list[str]]:
@@ -152,7 +151,8 @@ def _add_remarks(document: Document, solved: SolvedRun) -> None:
         document.table([["what", "stamp (ns)", "why"], *left_out], widths=(1, 2, 4))
     else:
         document.paragraph("Nothing.")
-    for words in (*solved.notices, *result.findings, *result.solution.poor):
+    solution = result.solution
+    for words in (*solved.notices, *solution.remarks, *result.findings, *solution.poor):
         document.paragraph(words)
 
 
@@ -171,7 +171,9 @@ def _input_files(solved: SolvedRun) -> dict[str, bytes]:
     found: dict[str, bytes] = {}
     with Recording(solved.run) as recording:
         for name, option in _FILES:
-            named = getattr(solved.options, option, None) if option else None
+            if name == "machine.yaml" and solved.machine is None:
+                continue
+            named = getattr(solved.options, option)
             path = named or recording.run.beside(name)
             content = path.read_bytes() if path is not None else recording.attachment(name)
             if content is not None:

@@ -70,6 +70,8 @@ class SolvedRun:
     options: SolveRunOptions
     part: Part
     calibration: CameraCalibration
+    machine: Machine | None
+    """What was declared of the machine; None: its errors were estimated."""
     result: "MeasurementResult"
     recorded: RecordedEstimate | None
     notices: tuple[str, ...]
@@ -113,6 +115,7 @@ def solve_run(run: Path, options: SolveRunOptions | None = None) -> SolvedRun:
         options=options,
         part=part,
         calibration=calibration,
+        machine=machine,
         result=measurement.result(),
         recorded=recorded,
         notices=tuple(notices),

@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 
 from omm_core.part_pose.fit import Fit, fit
 from omm_core.part_pose.grid_kernels import bayes_factors
-from omm_core.part_pose.machine_noise import doubting_grid, geometry_lengths
+from omm_core.part_pose.machine_noise import NoiseGrid, both_grids, geometry_lengths
 from omm_core.part_pose.naming import cannot_leave_out, cannot_tell_which, describe
 from omm_core.part_pose.noise_model import NoiseModel, noise_model
 from omm_core.part_pose.posterior import (
+    Matrices,
     Posterior,
-    detector_doubted,
     diagonal_mm,
     noise_matrices,
     posterior,
@@ -41,6 +41,7 @@ _OFF_PX = 20.0
 _SUSPICIOUS = 0.1  # ln B; 0 is what cannot be checked at all
 _TELLS_APART = 3.0  # of ln B
 _MOST_LEFT_OUT = 1 / 3
+_TRIED = 40  # hypotheses on the whole grid, the most suspicious ones
 _WORST_DETECTOR = 5.0  # times what it says of its own noise
 _ASTRAY_PX = 20.0  # residuals beyond which the linear problem may be another one
 
@@ -213,21 +214,42 @@ def _hypotheses(model: NoiseModel) -> tuple[list[Hypothesis], list[Array]]:
 
 
 def _log_factors(estimated: Posterior, columns: list[Array], options: SolveOptions) -> Array:
+    """Return ln B of each hypothesis."""
     model, u = estimated.model, estimated.model.unknowns
-    doubted = detector_doubted(model.problem, options)
-    grid = doubting_grid(options, diagonal_mm(model.problem), scale_image=doubted)
-    same = len(grid.lengths_mm) == len(estimated.grid.lengths_mm)
-    matrices = estimated.matrices if same else noise_matrices(model, grid)
-    C_0, C_image, C_stop, C_own, _ = matrices
+    grid, matrices = _doubting(estimated, options)
+    of_noise = tuple(np.ascontiguousarray(C[..., u:, u:]) for C in matrices[:4])
+    z = np.ascontiguousarray(model.u_z[u:])
+    log_factors = np.full(len(columns), -np.inf)
+    chosen = np.arange(len(columns))
+    if len(columns) > _TRIED:  # by what they would be on the likeliest machine alone
+        likeliest = grid.only(np.array([int(np.argmax(estimated.weight))]))
+        alone = _bayes_factors(of_noise, z, likeliest, columns)
+        chosen = np.sort(np.argsort(-alone, kind="stable")[:_TRIED])
+    log_factors[chosen] = _bayes_factors(of_noise, z, grid, [columns[i] for i in chosen])
+    return log_factors
+
+
+def _doubting(estimated: Posterior, options: SolveOptions) -> tuple[NoiseGrid, Matrices]:
+    """Return the grid with even odds that what is declared of the machine does not hold.
+
+    Where a machine is less exact than declared, its noise is not to be taken for a blunder.
+    """
+    free = replace(options, stop_sigma_mm=None, geometry_sigma_mm=None, geometry_length_mm=None)
+    if free == options:
+        return estimated.grid, estimated.matrices
+    grid = both_grids(estimated.grid, posterior(estimated.model, free).grid)
+    return grid, noise_matrices(estimated.model, grid)
+
+
+def _bayes_factors(
+    of_noise: tuple[Array, ...], z: Array, grid: NoiseGrid, columns: list[Array]
+) -> Array:
     first = np.cumsum([0, *(len(of) for of in columns)]).astype(np.int64)
     log_factors = np.empty(len(columns))
-    inner = (slice(u, None), slice(u, None))
     bayes_factors(
-        np.ascontiguousarray(C_0[inner]), np.ascontiguousarray(C_image[inner]),
-        np.ascontiguousarray(C_stop[inner]), np.ascontiguousarray(C_own[:, u:, u:]),
-        np.ascontiguousarray(model.u_z[u:]), grid.image_scale, grid.stop_sigma_mm,
-        grid.geometry_sigma_mm, grid.length_index, grid.log_prior,
-        np.ascontiguousarray(np.concatenate(columns)), first, log_factors,
+        *of_noise, z, grid.image_scale, grid.stop_sigma_mm, grid.geometry_sigma_mm,
+        grid.length_index, grid.log_prior, np.ascontiguousarray(np.concatenate(columns)), first,
+        log_factors,
     )  # fmt: skip
     return log_factors
 

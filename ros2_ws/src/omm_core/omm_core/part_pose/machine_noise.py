@@ -25,6 +25,7 @@ _GEOMETRY_FLOOR_MM = 0.001  # below it the density 1/σ is level
 _STEP = 1.6  # between levels, where the grid is made longer
 _IMAGE_SCALES = np.array([1.0, 2.0, 4.0])  # of what the detector says of itself
 _IMAGE_PRIOR = np.array([0.5, 0.3, 0.2])
+_APART = 1000  # between the coordinates of two grids
 WORST_MM = float(_GEOMETRY_MM[-1])
 
 
@@ -39,6 +40,8 @@ class NoiseGrid:
         Which of ``lengths_mm`` the geometry's errors of a point have.
     lengths_mm : (L,) array
     log_prior : (P,) array
+    coordinates : (P, 4) array
+        Where a point is in the grid: numbers of its image scale, stop, geometry, length.
     estimated : tuple of str
         What is not declared, by the names of machine.yaml.
     """
@@ -49,7 +52,18 @@ class NoiseGrid:
     length_index: NDArray[np.int64]
     lengths_mm: Array
     log_prior: Array
+    coordinates: NDArray[np.int64]
     estimated: tuple[str, ...]
+
+    def __len__(self) -> int:
+        """Return P."""
+        return len(self.log_prior)
+
+    def only(self, points: NDArray[np.int64]) -> NoiseGrid:
+        """Return the grid of some points; their prior is left as it is."""
+        names = ("image_scale", "stop_sigma_mm", "geometry_sigma_mm", "length_index",
+                 "log_prior", "coordinates")  # fmt: skip
+        return replace(self, **{name: getattr(self, name)[points] for name in names})
 
 
 def noise_grid(options: SolveOptions, diagonal_mm: float, *, scale_image: bool) -> NoiseGrid:
@@ -94,22 +108,13 @@ def noise_grid(options: SolveOptions, diagonal_mm: float, *, scale_image: bool) 
         length_index=k.astype(np.int64),
         lengths_mm=lengths,
         log_prior=np.log(prior / prior.sum()),
+        coordinates=np.stack([i, s, g, k], axis=1),
         estimated=tuple(estimated),
     )
 
 
-def doubting_grid(options: SolveOptions, diagonal_mm: float, *, scale_image: bool) -> NoiseGrid:
-    """Return the grid with even odds that what is declared of the machine does not hold.
-
-    Where a machine is less exact than declared, its noise is not to be taken for a blunder.
-    """
-    told = noise_grid(options, diagonal_mm, scale_image=scale_image)
-    nothing = replace(
-        options, stop_sigma_mm=None, geometry_sigma_mm=None, geometry_length_mm=None
-    )  # fmt: skip
-    if nothing == options:
-        return told
-    free = noise_grid(nothing, diagonal_mm, scale_image=scale_image)
+def both_grids(told: NoiseGrid, free: NoiseGrid) -> NoiseGrid:
+    """Return the grid of two, with even odds between them."""
     return NoiseGrid(
         image_scale=np.concatenate([told.image_scale, free.image_scale]),
         stop_sigma_mm=np.concatenate([told.stop_sigma_mm, free.stop_sigma_mm]),
@@ -117,6 +122,7 @@ def doubting_grid(options: SolveOptions, diagonal_mm: float, *, scale_image: boo
         length_index=np.concatenate([told.length_index, free.length_index + len(told.lengths_mm)]),
         lengths_mm=np.concatenate([told.lengths_mm, free.lengths_mm]),
         log_prior=np.concatenate([told.log_prior, free.log_prior]) - np.log(2.0),
+        coordinates=np.concatenate([told.coordinates, free.coordinates + _APART]),
         estimated=told.estimated,
     )
 

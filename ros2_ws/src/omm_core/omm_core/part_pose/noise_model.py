@@ -7,11 +7,12 @@ own noise (whitened), and one column for each thing that may be wrong::
 
 e the centres (variance 1), s the stops (each axis, each stop anew), f the smooth errors of the
 geometry at the stops, t the targets' coordinates, c the calibration. The camera moved by d is the
-part moved by -d: D = -d(pixel)/d(d_0), three columns for each image.
+part moved by -d: D = -d(pixel)/d(d_0), three columns for each of the S stops. Images that follow
+each other and were taken from one place belong to one stop: the spindle did not move between them.
 
 **Own coordinates.** A machine with geometry errors f has coordinates of its own, in which it would
 go to meet the targets at X - f. Its rigid part, over the targets and at the stops that saw each,
-is ``r f`` with r (7, 3I) = least squares of (ω, d_0) to the mean error at each target, γ_s
+is ``r f`` with r (7, 3S) = least squares of (ω, d_0) to the mean error at each target, γ_s
 untouched. The pose in these is δ_own = δ - r f, so that ``y = J δ_own + (D + J r) f + …``: the same
 problem with another effect of the geometry. A shift or turn common to all of f does then nothing,
 which is why δ_own can be told and δ can not.
@@ -28,9 +29,12 @@ from numpy.typing import NDArray
 
 from omm_core.part_pose.adjustment import Adjustment, predictions
 from omm_core.part_pose.kernels import predict_all
-from omm_core.part_pose.problem import Problem, SolveOptions
+from omm_core.part_pose.problem import Indices, Problem, SolveOptions
 
 Array = NDArray[np.float64]
+
+_SAME_PLACE_MM = 0.005
+_SAME_PLACE_RAD = 2e-5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,9 +53,13 @@ class NoiseModel:
         split @ y.
     image, targets, calibration : (n, n) arrays
         Covariances of (u, z); ``image`` of the detector as it says.
-    stops : (n, 3I) array
+    stop_of : (I,) array
+        Which stop an image was taken at.
+    places_mm : (S, 3) array
+        Where the spindle was to stand at each stop.
+    stops : (n, 3S) array
         Effect of an error of each stop on (u, z).
-    rigid : (u, 3I) array
+    rigid : (u, 3S) array
         r: the rigid part of errors at the stops.
     by_point : (N, 2, 3) array
         Whitened d(pixel)/d(d_0).
@@ -66,6 +74,8 @@ class NoiseModel:
     image: Array
     targets: Array
     calibration: Array
+    stop_of: Indices
+    places_mm: Array
     stops: Array
     rigid: Array
     by_point: Array
@@ -85,12 +95,12 @@ class NoiseModel:
         if own:
             effect = effect.copy()
             effect[: self.unknowns] += self.rigid
-        places = self.problem.d_cnc
+        places = self.places_mm
         apart2 = np.sum((places[:, None] - places[None, :]) ** 2, axis=2)
         kernel = np.exp(-apart2 / (2.0 * length_mm**2))
-        images = len(places)
-        spread = kernel @ effect.reshape(-1, images, 3).transpose(1, 0, 2).reshape(images, -1)
-        turned = spread.reshape(images, -1, 3).transpose(1, 0, 2).reshape(len(effect), -1)
+        count = len(places)
+        spread = kernel @ effect.reshape(-1, count, 3).transpose(1, 0, 2).reshape(count, -1)
+        turned = spread.reshape(count, -1, 3).transpose(1, 0, 2).reshape(len(effect), -1)
         covariance = turned @ effect.T
         return (covariance + covariance.T) / 2.0
 
@@ -104,9 +114,10 @@ def noise_model(problem: Problem, adjustment: Adjustment, options: SolveOptions)
     y = np.einsum("nij,nj->ni", whitening, problem.measured - pixels).ravel()
     split = _split(white[:, :, :u].reshape(-1, u))
     by_point = white[:, :, 3:6]
-    images = len(problem.stamps_ns)
-    stops = np.zeros((len(problem), 2, images, 3))
-    stops[np.arange(len(problem)), :, problem.image_of] = -by_point
+    stop_of, places_mm = find_stops(problem)
+    count = len(places_mm)
+    stops = np.zeros((len(problem), 2, count, 3))
+    stops[np.arange(len(problem)), :, stop_of[problem.image_of]] = -by_point
     u_z = split @ y
     image = split @ split.T
     return NoiseModel(
@@ -119,21 +130,34 @@ def noise_model(problem: Problem, adjustment: Adjustment, options: SolveOptions)
         image=image,
         targets=_of_targets(problem, adjustment, options, by_point, split),
         calibration=_of_calibration(problem, adjustment, options, whitening, split),
-        stops=split @ stops.reshape(-1, 3 * images),
-        rigid=rigid_part(problem, adjustment)[:u],
+        stop_of=stop_of,
+        places_mm=places_mm,
+        stops=split @ stops.reshape(-1, 3 * count),
+        rigid=rigid_part(problem, adjustment, stop_of)[:u],
         by_point=by_point,
     )
 
 
-def rigid_part(problem: Problem, adjustment: Adjustment) -> Array:
-    """Return r (7, 3I): (ω, d_0) of the unweighted rigid fit to the errors at the stops.
+def find_stops(problem: Problem) -> tuple[Indices, Array]:
+    """Return which stop each image was taken at (I,), and where these are (S, 3) mm.
+
+    In the order of the stamps: a place that was left and come back to is another stop.
+    """
+    moved = np.linalg.norm(np.diff(problem.d_cnc, axis=0), axis=1) > _SAME_PLACE_MM
+    turned = np.abs(np.diff(problem.R_cnc, axis=0)).max(axis=(1, 2), initial=0.0)
+    new = np.concatenate([[True], moved | (turned > _SAME_PLACE_RAD)])
+    return np.cumsum(new) - 1, problem.d_cnc[new]
+
+
+def rigid_part(problem: Problem, adjustment: Adjustment, stop_of: Indices) -> Array:
+    """Return r (7, 3S): (ω, d_0) of the unweighted rigid fit to the errors at the stops.
 
     The error of a target is the mean over the stops that saw it; γ_s has no part in it.
     """
     seen = np.unique(problem.target_of)
-    images = len(problem.stamps_ns)
-    mean = np.zeros((len(seen), images))
-    np.add.at(mean, (np.searchsorted(seen, problem.target_of), problem.image_of), 1.0)
+    count = int(stop_of[-1]) + 1
+    mean = np.zeros((len(seen), count))
+    mean[np.searchsorted(seen, problem.target_of), stop_of[problem.image_of]] = 1.0
     mean /= mean.sum(axis=1, keepdims=True)
     arm = problem.points[seen, 0] @ adjustment.rotation.T
     size = max(float(np.sqrt(np.mean(arm**2))), 1e-9)
@@ -147,7 +171,7 @@ def rigid_part(problem: Problem, adjustment: Adjustment) -> Array:
     ], axis=1).reshape(-1, 6)  # fmt: skip
     fit = np.linalg.pinv(design)
     fit[:3] /= size
-    rigid = np.zeros((7, 3 * images))
+    rigid = np.zeros((7, 3 * count))
     rigid[:6] = np.einsum("ktj,ti->kij", fit.reshape(6, len(seen), 3), mean).reshape(6, -1)
     return rigid
 

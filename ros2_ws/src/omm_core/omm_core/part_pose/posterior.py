@@ -15,6 +15,9 @@ from omm_core.part_pose.problem import Problem, SolveOptions
 
 Array = NDArray[np.float64]
 
+Matrices = tuple[Array, Array, Array, Array, Array]
+"""C_0, C_image, C_stop, C_own, C_absolute of grid_kernels.py."""
+
 IMAGE = "image"
 STOPS = "stops"
 GEOMETRY = "geometry"
@@ -23,6 +26,9 @@ CALIBRATION = "calibration"
 
 COVERAGE = 0.9545
 """Share of errors that the expanded uncertainty holds."""
+_ALL_OF_THE_GRID = 5e8  # operations up to which all of it is computed
+_COARSE = 3  # of so many levels one is tried first
+_UNLIKELY = 12.0  # of ln weight below the best
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,7 +81,7 @@ class Posterior:
     deltas: Array
     covariances: Array
     log_evidence: float
-    matrices: tuple[Array, Array, Array, Array, Array]
+    matrices: Matrices
 
     def statement(self, *, own: bool) -> PoseStatement:
         """Return the pose in the machine's own coordinates, or in ideal ones."""
@@ -153,7 +159,7 @@ def detector_doubted(problem: Problem, options: SolveOptions) -> bool:
     return not options.trust_detector and bool(np.any(np.bincount(problem.image_of) > 1))
 
 
-def noise_matrices(model: NoiseModel, grid: NoiseGrid) -> tuple[Array, Array, Array, Array, Array]:
+def noise_matrices(model: NoiseModel, grid: NoiseGrid) -> Matrices:
     """Return C_0, C_image, C_stop, C_own, C_absolute of grid_kernels.py."""
     return (
         model.targets + model.calibration,
@@ -172,18 +178,71 @@ def diagonal_mm(problem: Problem) -> float:
 
 def posterior(model: NoiseModel, options: SolveOptions) -> Posterior:
     """Return what the data say of pose and machine."""
-    problem, u = model.problem, model.unknowns
-    grid = noise_grid(options, diagonal_mm(problem), scale_image=detector_doubted(problem, options))
+    doubted = detector_doubted(model.problem, options)
+    grid = noise_grid(options, diagonal_mm(model.problem), scale_image=doubted)
     matrices = noise_matrices(model, grid)
-    points = len(grid.log_prior)
-    log_weight, fit, weight = np.empty(points), np.empty(points), np.empty(points)
-    deltas, covariances = np.empty((points, 2, u)), np.empty((points, 2, u, u))
-    weigh(
-        *matrices, model.u_z, u, grid.image_scale, grid.stop_sigma_mm, grid.geometry_sigma_mm,
-        grid.length_index, grid.log_prior, log_weight, fit, deltas, covariances,
-    )  # fmt: skip
+    if len(grid) * model.redundancy**3 > _ALL_OF_THE_GRID:
+        grid = grid.only(_likely_points(model, grid, matrices))
+    log_weight, fit, deltas, covariances = _weighed(model, grid, matrices)
+    weight = np.empty(len(grid))
     log_evidence = float(normalise(log_weight, weight))
     return Posterior(
         model=model, grid=grid, weight=weight, fit=fit, deltas=deltas, covariances=covariances,
         log_evidence=log_evidence, matrices=matrices,
     )  # fmt: skip
+
+
+def _weighed(
+    model: NoiseModel, grid: NoiseGrid, matrices: Matrices
+) -> tuple[Array, Array, Array, Array]:
+    """Return log weights (P,), fits (P,), means (P, 2, u) and covariances (P, 2, u, u)."""
+    points, u = len(grid), model.unknowns
+    log_weight, fit = np.empty(points), np.empty(points)
+    deltas, covariances = np.empty((points, 2, u)), np.empty((points, 2, u, u))
+    weigh(
+        *matrices, model.u_z, u, grid.image_scale, grid.stop_sigma_mm, grid.geometry_sigma_mm,
+        grid.length_index, grid.log_prior, log_weight, fit, deltas, covariances,
+    )  # fmt: skip
+    return log_weight, fit, deltas, covariances
+
+
+def _likely_points(model: NoiseModel, grid: NoiseGrid, matrices: Matrices) -> NDArray[np.int64]:
+    """Return the points of the grid that count, by climbing from a few of them.
+
+    With many observations each point costs much, and all but few have no probability.
+    """
+    index_of = {tuple(at): index for index, at in enumerate(grid.coordinates.tolist())}
+    wanted = np.flatnonzero(_coarse(grid)).tolist()
+    log_weight = np.full(len(grid), -np.inf)
+    known: set[int] = set()
+    while wanted:
+        points = np.array(sorted(wanted))
+        log_weight[points] = _weighed(model, grid.only(points), matrices)[0]
+        known |= set(wanted)
+        likely = [p for p in known if log_weight[p] > log_weight.max() - _UNLIKELY]
+        beside = {
+            index_of.get(tuple(at)) for p in likely for at in _neighbours(grid.coordinates[p])
+        }
+        wanted = [p for p in beside if p is not None and p not in known]
+    return np.array(sorted(known))
+
+
+def _coarse(grid: NoiseGrid) -> NDArray[np.bool_]:
+    """Return which points are tried first, (P,): every third level of stops and geometry."""
+    scale, stop, geometry, length = grid.coordinates.T
+    of_stops = (stop % _COARSE == 1) | (stop.max() == 0)
+    of_geometry = (geometry % _COARSE == 1) | (geometry == 0)
+    of_length = (length == min(1, length.max())) | (geometry == 0) | (length.max() == 0)
+    return np.asarray((scale == 0) & of_stops & of_geometry & of_length)
+
+
+def _neighbours(coordinates: NDArray[np.int64]) -> list[list[int]]:
+    """Return the coordinates of what is beside a point of the grid."""
+    beside = [
+        (coordinates + step * np.eye(4, dtype=int)[axis]).tolist()
+        for axis in range(4)
+        for step in (-1, 1)
+    ]
+    if coordinates[2] == 1:  # no geometry errors have no length
+        beside.append([*coordinates[:2].tolist(), 0, 0])
+    return beside
