@@ -131,9 +131,12 @@ def _tell_whether_equal(
     console: "Console", live: "PartEstimate", result: "MeasurementResult"
 ) -> bool:
     """Compare the live estimate with the one solved from the recording."""
-    from omm_estimator.conversions import theta_si
+    from omm_estimator.conversions import expanded_uncertainty_si, theta_si
 
-    equal = [float(v) for v in live.theta] == [float(v) for v in theta_si(result)]
+    own, absolute = result.solution.own, result.solution.absolute
+    solved = [theta_si(own), expanded_uncertainty_si(own), theta_si(absolute)]
+    told = [live.theta, live.expanded_uncertainty, live.absolute_theta]
+    equal = [[float(v) for v in of] for of in told] == [of.tolist() for of in solved]
     words = "equal to the live estimate, to the bit" if equal else "NOT equal to the live estimate"
     console.print(f"omm: solved again from the recording: {words}")
     return equal
