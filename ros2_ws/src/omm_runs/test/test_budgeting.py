@@ -274,8 +274,11 @@ def test_geometry_beyond_the_pose_is_nothing_for_errors_that_are_the_same_everyw
     wide = geometry_left_mm(0.015, 1e6, stops, seen, at, tool)
     # What is left is how far errors differ over 1.5 m: σ d / l = 2e-5 mm.
     assert wide == pytest.approx(0.0, abs=3e-5)
-    # Errors that have nothing to do with each other: the point's own, and the fit's.
+    # Errors that have nothing to do with each other: the point's own, and the fit's (a quarter of
+    # the variance in the targets' middle). Where a stop was, they are the same.
     narrow = geometry_left_mm(0.015, 1.0, stops, seen, at, tool)
-    assert np.all(narrow > 0.015)
+    assert narrow[0] == pytest.approx(0.015 * math.sqrt(1.25), rel=0.01)
+    assert np.all(narrow[1] < 0.015)
+    assert np.all(narrow[2] > 0.015)
     near = geometry_left_mm(0.015, 700.0, stops, seen, at, tool)
     assert np.all(near[1] < near[2])
