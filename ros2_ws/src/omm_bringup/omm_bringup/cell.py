@@ -1,5 +1,6 @@
 """The nodes of a cell and their parameters: the same for `./omm demo` and the launch files."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from omm_bringup.processes import NodeSpec
@@ -18,15 +19,18 @@ def simulated_cell(
     camera: str = "simulated",
     control: str = "simulated",
     start_program: bool = False,
+    namespace: str = "",
 ) -> tuple[NodeSpec, ...]:
     """Recorder, estimator, camera and CNC bridge of a simulated cell.
 
     The recorder comes first, so that it is there from the first message to the last. The run's
-    folder must hold `part.yaml` and `camera.yaml`: that is all the estimator gets.
+    folder must hold `part.yaml` and `camera.yaml`: that is all the estimator gets. A namespace
+    (`/mill1`) keeps two machines on one computer apart; their frames get it as a prefix.
     """
     part_file, calibration_file = str(run_folder / "part.yaml"), str(run_folder / "camera.yaml")
     known = {"part_file": part_file, "calibration_file": calibration_file}
     drawn = {"scenario": scenario, "seed": seed}
+    frames = {"frame_prefix": f"{namespace.lstrip('/')}/"} if namespace else {}
     # A real LinuxCNC with simulated drives, which the bridge starts and ends.
     started = {"linuxcnc_cell": "three_axis_mill"} if control == "linuxcnc" else {}
     # A camera that speaks the real protocol, in a process of its own.
@@ -36,7 +40,7 @@ def simulated_cell(
         name="gige_simulator",
         parameters={"address": GIGE_ADDRESS, **drawn},
     )
-    return (
+    specs = (
         NodeSpec(
             package="omm_recorder",
             executable="recorder_node",
@@ -48,7 +52,7 @@ def simulated_cell(
             package="omm_estimator",
             executable="estimator_node",
             name="estimator",
-            parameters=known,
+            parameters={**known, **frames},
         ),
         *((simulator,) if camera == "gige" else ()),
         NodeSpec(
@@ -61,15 +65,23 @@ def simulated_cell(
                 "calibration_file": calibration_file,
                 "trigger": "software",
                 **drawn,
+                **frames,
             },
         ),
         NodeSpec(
             package="omm_cnc_bridge",
             executable="cnc_bridge_node",
             name="cnc_bridge",
-            parameters={"control": control, "start_program": start_program, **started, **drawn},
+            parameters={
+                "control": control,
+                "start_program": start_program,
+                **started,
+                **drawn,
+                **frames,
+            },
         ),
     )
+    return tuple(replace(spec, namespace=namespace) for spec in specs)
 
 
 def operators_page(run_folder: Path, *, port: int, stops: int) -> NodeSpec:

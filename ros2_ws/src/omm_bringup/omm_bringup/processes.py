@@ -27,6 +27,7 @@ class NodeSpec:
     package: str
     executable: str
     name: str
+    namespace: str = ""
     parameters: Mapping[str, Any] = field(default_factory=dict)
     ends_first: bool = False
     """Whether it is ended, and waited for, before the others: it asks them for the end."""
@@ -81,11 +82,14 @@ def check_alive(nodes: Sequence[RunningNode]) -> None:
 
 
 def _start(spec: NodeSpec, log_folder: Path) -> RunningNode:
-    parameter_file = log_folder / f"{spec.name}.parameters.yaml"
-    parameters = {spec.name: {"ros__parameters": dict(spec.parameters)}}
+    label = f"{spec.namespace}/{spec.name}".lstrip("/").replace("/", "-")
+    parameter_file = log_folder / f"{label}.parameters.yaml"
+    full_name = f"{spec.namespace}/{spec.name}"
+    parameters = {full_name: {"ros__parameters": dict(spec.parameters)}}
     parameter_file.write_text(yaml.safe_dump(parameters))
-    log_file = log_folder / f"{spec.name}.log"
+    log_file = log_folder / f"{label}.log"
     node_arguments = ["--ros-args", "-r", f"__node:={spec.name}"]
+    node_arguments += ["-r", f"__ns:={spec.namespace}"] if spec.namespace else []
     with open(log_file, "wb") as log:
         process = subprocess.Popen(
             [str(executable_of(spec)), *node_arguments, "--params-file", str(parameter_file)],

@@ -22,7 +22,7 @@ from omm_camera_driver.drivers.simulated.true_poses import TruePoses
 from omm_camera_driver.parameters import Parameters, camera_settings
 from omm_camera_driver.worker import CameraWorker, State, Status
 from omm_core.errors import DeviceError, InputError, OmmError
-from omm_ros import qos
+from omm_ros import qos, topics
 from omm_ros.conversions import image_message, time_from_ns
 from omm_ros.diagnostics import ERROR, OK, WARN, Diagnostics, Health
 from omm_ros.node_main import run_node
@@ -99,7 +99,7 @@ class CameraNode(LifecycleNode):
 
     def on_frame(self, frame: Frame) -> None:
         """Publish an image and its camera_info."""
-        frame_id = self._wanted.frame_id
+        frame_id = self._wanted.frame_prefix + self._wanted.frame_id
         image = image_message(frame.image, frame.exposure_mid_ns, frame_id)
         self._while_ros_runs(lambda: self._images.publish(image))
         self._while_ros_runs(lambda: self._infos.publish(self._info_for(frame, image)))
@@ -180,8 +180,8 @@ class CameraNode(LifecycleNode):
     # --- wiring ---
 
     def _make_interfaces(self) -> None:
-        self._images = self.create_lifecycle_publisher(Image, "/camera/image_raw", qos.IMAGE)
-        self._infos = self.create_lifecycle_publisher(CameraInfo, "/camera/camera_info", qos.IMAGE)
+        self._images = self.create_lifecycle_publisher(Image, topics.IMAGE, qos.IMAGE)
+        self._infos = self.create_lifecycle_publisher(CameraInfo, topics.CAMERA_INFO, qos.IMAGE)
         # One trigger waits for its image while everything else goes on being answered.
         group = MutuallyExclusiveCallbackGroup()
         service = self.create_service(
@@ -195,7 +195,7 @@ class CameraNode(LifecycleNode):
             partial(self.destroy_subscription, asked),
         ]
         if self._wanted.driver == "simulated":
-            self._listener = TruePoseListener(self.context, self._poses.add)
+            self._listener = TruePoseListener(self, self._poses.add)
             self._undo.append(self._stop_listening)
 
     def _camera_info(self) -> camera_info.InfoSource:

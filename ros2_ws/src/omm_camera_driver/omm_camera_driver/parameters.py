@@ -20,6 +20,7 @@ class Parameters:
         "", "Which camera: serial number, address, model or device path; the only one if empty."
     )
     frame_id: str = parameter("camera_optical", "Frame of the images.")
+    frame_prefix: str = parameter("", "Before every frame's name, for several machines: mill1/.")
     calibration_file: str = parameter(
         "", "camera.yaml of the calibrated camera; camera_info is made of it."
     )

@@ -29,9 +29,10 @@ from omm_cnc_bridge.refusal_log import RefusalLog
 from omm_cnc_bridge.standstill import StandStillLimits
 from omm_core.errors import DeviceError
 from omm_core.machine.kinematics import Machine
-from omm_ros import qos
+from omm_ros import qos, topics
 from omm_ros.conversions import stamp_ns
 from omm_ros.diagnostics import ERROR, OK, WARN, Diagnostics, Health
+from omm_ros.frames import prefixed
 from omm_ros.node_main import run_node
 from omm_ros.parameters import declare
 
@@ -58,11 +59,11 @@ class CncBridgeNode(Node):
         self._notes: set[str] = set()
         self._refusals = RefusalLog()
 
-        self._pose = self.create_publisher(PoseStamped, "/cnc/spindle_pose", qos.POSE)
-        self._state = self.create_publisher(SpindleState, "/cnc/state", qos.STATE)
-        self._tf = self.create_publisher(TFMessage, "/tf", qos.STATE)
+        self._pose = self.create_publisher(PoseStamped, topics.SPINDLE_POSE, qos.POSE)
+        self._state = self.create_publisher(SpindleState, topics.SPINDLE_STATE, qos.STATE)
+        self._tf = self.create_publisher(TFMessage, topics.TF, qos.STATE)
         self._truth = (
-            self.create_publisher(PoseStamped, "/simulation/true_spindle_pose", qos.POSE)
+            self.create_publisher(PoseStamped, topics.TRUE_SPINDLE_POSE, qos.POSE)
             if p.publish_truth and isinstance(self._control, KnowsTruth)
             else None
         )
@@ -125,7 +126,8 @@ class CncBridgeNode(Node):
             self._take(sample)
         if self._truth is not None and isinstance(self._control, KnowsTruth):
             for pose in self._control.read_truth():
-                self._truth.publish(conversions.pose_message(pose.stamp_ns, pose.machine_T_spindle))
+                truth = conversions.pose_message(pose.stamp_ns, pose.machine_T_spindle)
+                self._truth.publish(prefixed(truth, self._p.frame_prefix))
 
     def _take(self, sample: ControlSample) -> None:
         """Judge one sample, publish what it is good for, and serve the program."""
@@ -158,11 +160,13 @@ class CncBridgeNode(Node):
     def _publish_pose(self, judged: Judgement) -> None:
         pose, stamp = judged.machine_T_spindle, judged.sample.stamp_ns
         assert pose is not None
-        self._pose.publish(conversions.pose_message(stamp, pose))
+        prefix = self._p.frame_prefix
+        self._pose.publish(prefixed(conversions.pose_message(stamp, pose), prefix))
         self._ages_ns.append(judged.age_ns)
-        if time.monotonic() >= self._tf_due_s:
+        if self._p.publish_tf and time.monotonic() >= self._tf_due_s:
             self._tf_due_s = time.monotonic() + 1.0 / TF_RATE_HZ
-            self._tf.publish(TFMessage(transforms=[conversions.spindle_transform(stamp, pose)]))
+            transform = prefixed(conversions.spindle_transform(stamp, pose), prefix)
+            self._tf.publish(TFMessage(transforms=[transform]))
 
     # --- the handshake -------------------------------------------------------------------------
 
@@ -181,7 +185,7 @@ class CncBridgeNode(Node):
         if self._camera is None:
             return
         if not self._camera.service_is_ready():
-            self._answer(action, None, f"no service {self._p.trigger_service}")
+            self._answer(action, None, f"there is no service {self._camera.service_name}")
             return
         future = self._camera.call_async(TriggerImage.Request())
         future.add_done_callback(lambda done: self._on_image(action, done))
@@ -209,10 +213,20 @@ class CncBridgeNode(Node):
             self._set_connection(Connection.STALE, "the control says nothing new")
         if time.monotonic() >= self._state_due_s:
             self._publish_state()
-        camera = self._camera is not None and self._camera.service_is_ready()
         wanted = self._commands.is_simulated and self._p.start_program
-        if wanted and camera and not (self._commands.started or self._trouble()):
+        if wanted and not (self._commands.started or self._trouble()):
+            self._start_when_the_camera_is_there()
+
+    def _start_when_the_camera_is_there(self) -> None:
+        if self._camera is None:
+            return
+        if self._camera.service_is_ready():
             self._commands.start_program()
+        else:
+            self.get_logger().info(
+                f"the program waits for the service {self._camera.service_name}",
+                throttle_duration_sec=10.0,
+            )
 
     def _publish_state(self) -> None:
         self._state_due_s = time.monotonic() + 0.9 / self._p.state_rate_hz
@@ -220,7 +234,7 @@ class CncBridgeNode(Node):
             self._p.control, self._connection, self._detail, self._judged, self._judge.machine
         )
         message.measure_acknowledged = self._handshake.acknowledged
-        self._state.publish(message)
+        self._state.publish(prefixed(message, self._p.frame_prefix))
 
     def _set_connection(self, connection: Connection, detail: str) -> None:
         changed = connection is not self._connection

@@ -63,14 +63,16 @@ class Parameters:
         100.0, "Samples per second that the control is asked for.", minimum=10.0, maximum=1000.0
     )
     state_rate_hz: float = parameter(
-        20.0, "/cnc/state per second; changes are published at once besides.", minimum=1.0
+        20.0, "cnc/state per second; changes are published at once besides.", minimum=1.0
     )
     publish_truth: bool = parameter(
-        True, "Whether a simulated machine's true poses go to /simulation/true_spindle_pose."
+        True, "Whether a simulated machine's true poses go to simulation/true_spindle_pose."
     )
+    frame_prefix: str = parameter("", "Before every frame's name, for several machines: mill1/.")
+    publish_tf: bool = parameter(True, "Whether machine -> spindle goes out on /tf.")
 
     trigger_service: str = parameter(
-        "/camera/trigger", "Service that takes an image; empty where others trigger the camera."
+        "camera/trigger", "Service that takes an image; empty where others trigger the camera."
     )
     trigger_timeout_s: float = parameter(
         5.0, "How long an answer of the camera is waited for.", minimum=0.01

@@ -30,9 +30,10 @@ from omm_core.session.result import MeasurementResult
 from omm_core.warm_up import warm_up_detection, warm_up_estimation
 from omm_estimator import conversions
 from omm_estimator.parameters import Parameters
-from omm_ros import qos
+from omm_ros import qos, topics
 from omm_ros.conversions import image_from_message, stamp_ns, transform_from_pose
 from omm_ros.diagnostics import ERROR, OK, WARN, Diagnostics, Health
+from omm_ros.frames import prefixed
 from omm_ros.lifecycle import transition
 from omm_ros.node_main import run_node
 from omm_ros.parameters import declare, watch
@@ -41,7 +42,6 @@ _SETTLE_PERIOD_S = 0.02
 # Times what the last update took: after thousands of images, not every one gets its own.
 _PAUSE = 4.0
 _FRAMES_PERIOD_S = 0.5
-_IMAGES = "/camera/image_raw"
 _POSES_BETWEEN_FORGETTING = 50_000
 _REMEMBERED_NS = 600_000_000_000  # poses of ten minutes, for images that come late
 
@@ -64,14 +64,14 @@ class EstimatorNode(LifecycleNode):
         self._image_number = self._missed_images = 0
         self._last: MeasurementResult | None = None
         self._active = False
-        self._estimate = self.create_publisher(PartEstimate, "/omm/estimate", qos.LATCHED)
-        self._pose = self.create_publisher(PoseWithCovarianceStamped, "/omm/part_pose", qos.LATCHED)
+        self._estimate = self.create_publisher(PartEstimate, topics.ESTIMATE, qos.LATCHED)
+        self._pose = self.create_publisher(PoseWithCovarianceStamped, topics.PART_POSE, qos.LATCHED)
         self._observations = self.create_publisher(
-            TargetObservations, "/omm/observations", qos.OBSERVATIONS
+            TargetObservations, topics.OBSERVATIONS, qos.OBSERVATIONS
         )
         # Never on /tf_static: what was latched there would outlive the clamping.
-        self._frames = self.create_publisher(TFMessage, "/tf", qos.STATE)
-        self._camera_frame = self.create_publisher(TFMessage, "/tf_static", qos.LATCHED)
+        self._frames = self.create_publisher(TFMessage, topics.TF, qos.STATE)
+        self._camera_frame = self.create_publisher(TFMessage, topics.TF_STATIC, qos.LATCHED)
         diagnostics = Diagnostics(self)
         diagnostics.add("images", self._image_health)
         diagnostics.add("estimate", self._estimate_health)
@@ -88,8 +88,8 @@ class EstimatorNode(LifecycleNode):
         warm_up_detection()
         warm_up_estimation()
         self._inputs = [
-            self.create_subscription(Image, _IMAGES, self._on_image, qos.IMAGE),
-            self.create_subscription(PoseStamped, "/cnc/spindle_pose", self._on_pose, qos.POSE),
+            self.create_subscription(Image, topics.IMAGE, self._on_image, qos.IMAGE),
+            self.create_subscription(PoseStamped, topics.SPINDLE_POSE, self._on_pose, qos.POSE),
         ]
         self._answers = [
             self.create_service(Trigger, "~/new_clamping", self._on_new_clamping),
@@ -169,7 +169,7 @@ class EstimatorNode(LifecycleNode):
     def _count_missed(self, number: int) -> None:
         """Count what never came here, because too many waited already, by the camera's numbers."""
         missed = number - self._image_number - 1
-        if missed > 0 and self._image_number > 0 and self.count_publishers(_IMAGES) == 1:
+        if missed > 0 and self._image_number > 0 and self.count_publishers(topics.IMAGE) == 1:
             self._missed_images += missed
             self.get_logger().warning(
                 f"{self._missed_images} images came faster than targets are found and were missed",
@@ -261,7 +261,9 @@ class EstimatorNode(LifecycleNode):
         self._measurement = Measurement(part, calibration, self._options())
         self._last = None
         camera = conversions.camera_frame(calibration)
-        self._camera_frame.publish(TFMessage(transforms=[camera]))
+        if self._p.publish_tf:
+            camera = prefixed(camera, self._p.frame_prefix)
+            self._camera_frame.publish(TFMessage(transforms=[camera]))
         return part
 
     def _publish(self, reason: str = "") -> None:
@@ -273,9 +275,12 @@ class EstimatorNode(LifecycleNode):
         if not result.determined and self._holds:
             self._revoke(reason or "; ".join(result.missing) or "no longer determined")
             return
-        self._estimate.publish(conversions.estimate_message(result, self._clamping))
+        prefix = self._p.frame_prefix
+        self._estimate.publish(
+            prefixed(conversions.estimate_message(result, self._clamping), prefix)
+        )
         if result.determined:
-            self._pose.publish(conversions.pose_message(result))
+            self._pose.publish(prefixed(conversions.pose_message(result), prefix))
             self._holds = True
             self._publish_frames()
 
@@ -289,16 +294,21 @@ class EstimatorNode(LifecycleNode):
         )
         result = self._measurement.result()
         told = forgotten.result() if result.determined else result
-        self._estimate.publish(conversions.estimate_message(told, self._clamping, reason))
-        self._pose.publish(conversions.revoked_pose(self.get_clock().now().nanoseconds))
+        estimate = conversions.estimate_message(told, self._clamping, reason)
+        pose = conversions.revoked_pose(self.get_clock().now().nanoseconds)
+        self._estimate.publish(prefixed(estimate, self._p.frame_prefix))
+        self._pose.publish(prefixed(pose, self._p.frame_prefix))
         self.get_logger().info(f"the pose published before is revoked: {reason}")
 
     def _publish_frames(self) -> None:
         result = self._last
+        if not self._p.publish_tf:
+            return
         if self._holds and result is not None and result.determined:
             now_ns = self.get_clock().now().nanoseconds
             frames = conversions.frame_transforms(result, self._p.part_frame, now_ns)
-            self._frames.publish(TFMessage(transforms=frames))
+            prefix = self._p.frame_prefix
+            self._frames.publish(TFMessage(transforms=[prefixed(f, prefix) for f in frames]))
 
     # --- diagnostics ---------------------------------------------------------------------------
 

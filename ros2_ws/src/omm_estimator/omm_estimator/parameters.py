@@ -56,6 +56,10 @@ class Parameters:
     )  # fmt: skip
     part_frame: str = parameter("part", "Name of the part's frame in /tf.")
     network: bool = network_parameter()
+    frame_prefix: str = parameter("", "Before every frame's name, for several machines: mill1/.")
+    publish_tf: bool = parameter(
+        True, "Whether machine -> part, spindle -> taper -> camera go out on /tf and /tf_static."
+    )
 
     def solve_options(self, machine: MachineUncertainty) -> SolveOptions:
         """How the core is to solve on a machine of which that is declared."""

@@ -16,6 +16,7 @@ from omm_core.errors import MeasurementError
 from omm_operator.estimate_table import estimate_table
 from omm_operator.view import OperatorView
 from omm_ros import transport
+from omm_ros.diagnostics import line_name
 from omm_ros.interrupt import told_to_end
 
 _READY_S = 30.0
@@ -78,7 +79,7 @@ def measure_alone(
 
 
 def _start_program(node: Node, check_alive: Callable[[], None]) -> None:
-    start = node.create_client(Trigger, "/cnc_bridge/start_program")
+    start = node.create_client(Trigger, "cnc_bridge/start_program")
     camera = _CameraHealth(node)
     deadline = time.monotonic() + _READY_S
     while missing := _not_ready(node, start, camera):
@@ -98,11 +99,12 @@ class _CameraHealth:
 
     def __init__(self, node: Node) -> None:
         self.is_connected = False
+        self._line = line_name(f"{node.get_namespace().rstrip('/')}/camera", "connection")
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            if status.name == "camera: connection":
+            if status.name == self._line:
                 self.is_connected = status.level == DiagnosticStatus.OK
 
 
@@ -110,9 +112,9 @@ def _not_ready(node: Node, start: Client, camera: _CameraHealth) -> str:
     """What is still missing before the program may start; empty when nothing is."""
     if not start.service_is_ready():
         return "the CNC bridge"
-    if not node.get_publishers_info_by_topic("/camera/image_raw") or not camera.is_connected:
+    if not node.get_publishers_info_by_topic("camera/image_raw") or not camera.is_connected:
         return "the camera"
-    listeners = {i.node_name for i in node.get_subscriptions_info_by_topic("/camera/image_raw")}
+    listeners = {i.node_name for i in node.get_subscriptions_info_by_topic("camera/image_raw")}
     return " and ".join(sorted(_LISTENERS - listeners))
 
 

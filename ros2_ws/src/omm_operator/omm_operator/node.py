@@ -41,8 +41,8 @@ from omm_ros.parameters import declare
 _PICTURE_PERIOD_S = 0.2
 _LOOK_PERIOD_S = 0.5
 _ASK_PERIOD_S = 5.0
-_STATIONS = {"estimator": "/omm/estimate", "camera": "/camera/image_raw", "bridge": "/cnc/state"}
-ESTIMATOR, BRIDGE = "/estimator", "/cnc_bridge"
+_STATIONS = {"estimator": "omm/estimate", "camera": "camera/image_raw", "bridge": "cnc/state"}
+ESTIMATOR, BRIDGE = "estimator", "cnc_bridge"
 _ASKED = {ESTIMATOR: ("part_file",), BRIDGE: ("allow_commands", "control", "linuxcnc_cell")}
 
 
@@ -68,7 +68,7 @@ class OperatorNode(Node):
         self._asked_for: tuple[str, int] | None = None
         self._ask_due_s = 0.0
         self._part_file: tuple[str, bytes] | None = None
-        self._commands = self.create_publisher(OperatorCommand, "/omm/operator_commands", qos.STATE)
+        self._commands = self.create_publisher(OperatorCommand, "omm/operator_commands", qos.STATE)
         actions = RosActions(self, lambda: self._recording)
         self._operation = Operation(screen, actions, self._record)
         self._sessions = Sessions(time.monotonic)
@@ -112,12 +112,12 @@ class OperatorNode(Node):
         return made
 
     def _listen_to_all(self) -> None:
-        self.create_subscription(PartEstimate, "/omm/estimate", self._on_estimate, qos.LATCHED)
-        self.create_subscription(SpindleState, "/cnc/state", self._on_state, qos.STATE)
+        self.create_subscription(PartEstimate, "omm/estimate", self._on_estimate, qos.LATCHED)
+        self.create_subscription(SpindleState, "cnc/state", self._on_state, qos.STATE)
         self.create_subscription(
-            TargetObservations, "/omm/observations", self._on_found, qos.OBSERVATIONS
+            TargetObservations, "omm/observations", self._on_found, qos.OBSERVATIONS
         )
-        self.create_subscription(Image, "/camera/image_raw", self._on_image, qos.IMAGE)
+        self.create_subscription(Image, "camera/image_raw", self._on_image, qos.IMAGE)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 50)
         self._askers = {
             node: self.create_client(GetParameters, f"{node}/get_parameters") for node in _ASKED
@@ -154,7 +154,13 @@ class OperatorNode(Node):
         self._take(self._operation.screen.take_picture, fact)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        ours = f"{self.get_namespace().strip('/')}/".lstrip("/")
         for status in message.status:
+            # Another machine's diagnostics stand on the same topic, with its namespace.
+            name = status.name.removeprefix(ours)
+            if not status.name.startswith(ours) or "/" in name.partition(":")[0]:
+                continue
+            status.name = name
             fact = conversions.health_fact(status)
             if fact.node == "recorder" and "file" in fact.values:
                 self._recording = fact.values["file"]

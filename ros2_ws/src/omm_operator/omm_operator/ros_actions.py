@@ -33,9 +33,9 @@ class RosActions:
     """
 
     def __init__(self, node: Node, recording: Callable[[], str]) -> None:
-        self._start = node.create_client(Trigger, "/cnc_bridge/start_program")
-        self._offset = node.create_client(WorkOffset, "/cnc_bridge/work_offset")
-        self._clamping = node.create_client(Trigger, "/estimator/new_clamping")
+        self._start = node.create_client(Trigger, "cnc_bridge/start_program")
+        self._offset = node.create_client(WorkOffset, "cnc_bridge/work_offset")
+        self._clamping = node.create_client(Trigger, "estimator/new_clamping")
         self._recording = recording
 
     async def start_program(self) -> None:

@@ -9,7 +9,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from omm_ros import qos
+from omm_ros import qos, topics
 
 _PROGRAM_WORDS = {
     SpindleState.PROGRAM_UNKNOWN: "no program known",
@@ -65,8 +65,8 @@ class OperatorView:
         self.progress = Progress()
         self._console = console
         self._shown = ""
-        node.create_subscription(SpindleState, "/cnc/state", self._on_state, qos.STATE)
-        node.create_subscription(PartEstimate, "/omm/estimate", self._on_estimate, qos.LATCHED)
+        node.create_subscription(SpindleState, topics.SPINDLE_STATE, self._on_state, qos.STATE)
+        node.create_subscription(PartEstimate, topics.ESTIMATE, self._on_estimate, qos.LATCHED)
         self._live = Live(console=console, auto_refresh=False, transient=True)
 
     def __enter__(self) -> "OperatorView":

@@ -30,6 +30,7 @@ from omm_ros.node_main import run_node
 from omm_ros.parameters import declare
 from omm_ros.published import NAME as PUBLISHED
 from omm_ros.published import parsed
+from omm_ros.topics import without_namespace
 
 LOOK_PERIOD_S = 0.5
 CHANGES = "/parameter_events"
@@ -59,6 +60,7 @@ class RecorderNode(Node):
         self.failed = False
         self._attached: dict[str, bytes] = {}
         self._heard: dict[str, tuple[TopicQos, Subscription]] = {}
+        self._heard_as: dict[str, str] = {}  # recorded name -> name with the namespace
         self._unknown: set[str] = set()
         self._owners: set[str] = set()
         self._tellers: set[str] = set()
@@ -75,7 +77,7 @@ class RecorderNode(Node):
         for name, file in files.items():
             self._attach(name, file)
         for topic in KNOWN:
-            self._listen(topic.name, topic.type_name, topic.qos, shared=topic.shared)
+            self._listen(topic.heard_as, topic.type_name, topic.qos, shared=topic.shared)
         self._snapshot = ParameterSnapshot(self, self._take_parameters)
         self._looking = self.create_timer(LOOK_PERIOD_S, self._look)
         diagnostics = Diagnostics(self)
@@ -112,9 +114,10 @@ class RecorderNode(Node):
 
     def _may_answer(self, topic: str) -> bool:
         """Whether a publisher of a topic is there that has ever told its number."""
-        subscription = self._heard[topic][1]
+        heard = self._heard_as[topic]
+        subscription = self._heard[heard][1]
         with subscription.handle:
-            return topic in self._tellers and subscription.handle.get_publisher_count() > 0
+            return heard in self._tellers and subscription.handle.get_publisher_count() > 0
 
     def _end(self) -> None:
         # Not through the log: it is published, and the context may be shut down already.
@@ -136,12 +139,13 @@ class RecorderNode(Node):
     def _drain(self) -> None:
         """Take what has arrived and waits; that works although the context is shut down."""
         for name, (qos, subscription) in self._heard.items():
+            recorded = without_namespace(name, self.get_namespace())
             with subscription.handle:
                 for _ in range(qos.depth):
                     taken = subscription.handle.take_message(subscription.msg_type, True)
                     if taken is None:
                         break
-                    self._take(name, *taken)
+                    self._take(recorded, *taken)
 
     def _started(self) -> Recorder:
         p = self.parameters
@@ -170,13 +174,19 @@ class RecorderNode(Node):
         self.recorder.add_file(name, file.data, file.mode)
 
     def _listen(self, name: str, type_name: str, qos: TopicQos, *, shared: bool = False) -> None:
-        """Subscribe, or subscribe anew where the publishers offer something else."""
+        """Subscribe, or subscribe anew where the publishers offer something else.
+
+        A recording is that of one machine: its namespace is no part of the recorded name.
+        """
+        name = self.resolve_topic_name(name)
+        recorded = without_namespace(name, self.get_namespace())
+        self._heard_as[recorded] = name
         if name in self._heard:
             self.destroy_subscription(self._heard[name][1])
         else:
             self.recorder.add_topic(
                 TopicToRecord(
-                    name=name,
+                    name=recorded,
                     type_name=type_name,
                     definition=definition(type_name),
                     type_hash=type_hash(type_name),
@@ -187,7 +197,7 @@ class RecorderNode(Node):
         subscription = self.create_subscription(
             message_class(type_name),
             name,
-            partial(self._take, name),
+            partial(self._take, recorded),
             profile_from_qos(qos),
             raw=True,
         )
@@ -212,12 +222,13 @@ class RecorderNode(Node):
             if not status.name.endswith(f": {PUBLISHED}"):
                 continue
             for topic, count in parsed({v.key: v.value for v in status.values}).items():
-                self._tellers.add(topic)
-                self.recorder.announce(topic, count)
+                if topic in self._heard:
+                    self._tellers.add(topic)
+                    self.recorder.announce(without_namespace(topic, self.get_namespace()), count)
 
     def _look(self) -> None:
         """See what is new: topics to record, publishers to adapt to, nodes to ask."""
-        wanted = set(self.parameters.topics)
+        wanted = {self.resolve_topic_name(name) for name in self.parameters.topics}
         for name, types in self.get_topic_names_and_types():
             if name not in self._heard and (self.parameters.all_topics or name in wanted):
                 self._listen_new(name, types)
@@ -255,7 +266,7 @@ class RecorderNode(Node):
     def _take_parameters(self, node: str, values: dict[str, Any]) -> None:
         """Keep a node's parameters, and the files that the estimator says it uses."""
         self.recorder.add_table(f"omm_parameters {node}", as_table(values))
-        if node.rpartition("/")[2] != OWNER:
+        if not self._is_owner(node):
             return
         first = node not in self._owners
         self._owners.add(node)
@@ -274,9 +285,13 @@ class RecorderNode(Node):
         if file.data != self._attached.get(name):
             self._attach(name, file)
 
+    def _is_owner(self, node: str) -> bool:
+        """Whether it is the estimator of this machine: another machine's part is none of ours."""
+        return node == f"{self.get_namespace().rstrip('/')}/{OWNER}"
+
     def _take_changes(self, event: ParameterEvent) -> None:
         """Ask the node itself: anybody can publish that its parameters changed."""
-        if event.node.rpartition("/")[2] == OWNER and event.changed_parameters:
+        if self._is_owner(event.node) and event.changed_parameters:
             self._snapshot.ask_again(event.node)
 
     def _tell(self, text: str) -> None:

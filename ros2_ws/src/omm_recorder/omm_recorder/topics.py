@@ -22,6 +22,11 @@ class KnownTopic:
     shared: bool = False
     """Whether several nodes publish it, so that their numbers cannot be told apart."""
 
+    @property
+    def heard_as(self) -> str:
+        """The name to subscribe to: that of the recorder's namespace, or what is everybody's."""
+        return self.name if self.shared else self.name.lstrip("/")
+
 
 KNOWN = (
     KnownTopic(name="/camera/image_raw", type_name="sensor_msgs/msg/Image", qos=_IMAGE),

@@ -8,6 +8,7 @@ from rclpy.node import Node
 
 from omm_ros.published import NAME as PUBLISHED
 from omm_ros.published import count_publications, published
+from omm_ros import topics
 
 OK = DiagnosticStatus.OK
 WARN = DiagnosticStatus.WARN
@@ -24,6 +25,11 @@ class Health:
     values: Mapping[str, object] = field(default_factory=dict)
 
 
+def line_name(node: str, line: str) -> str:
+    """Name of a line: the node's full name, so that two machines' cameras are told apart."""
+    return f"{node.lstrip('/')}: {line}"
+
+
 class Diagnostics:
     """Publishes what the registered functions return.
 
@@ -38,7 +44,7 @@ class Diagnostics:
         count_publications()
         self._node = node
         self._tasks: dict[str, Callable[[], Health]] = {}
-        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._publisher = node.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, 10)
         self._timer = node.create_timer(period_s, self.publish)
 
     def add(self, name: str, task: Callable[[], Health]) -> None:
@@ -54,7 +60,7 @@ class Diagnostics:
             array.status.append(
                 DiagnosticStatus(
                     level=health.level,
-                    name=f"{self._node.get_name()}: {name}",
+                    name=line_name(self._node.get_fully_qualified_name(), name),
                     message=health.message,
                     hardware_id=self.hardware_id,
                     values=[KeyValue(key=k, value=str(v)) for k, v in health.values.items()],
@@ -67,7 +73,7 @@ class Diagnostics:
         counts = published(self._node)
         return DiagnosticStatus(
             level=OK,
-            name=f"{self._node.get_name()}: {PUBLISHED}",
+            name=line_name(self._node.get_fully_qualified_name(), PUBLISHED),
             message="messages published, by topic",
             hardware_id=self.hardware_id,
             values=[KeyValue(key=topic, value=str(count)) for topic, count in counts.items()],

@@ -15,9 +15,8 @@ from rclpy.node import Node
 
 from omm_camera_driver.drivers.gige.simulator import GigeSimulator
 from omm_camera_driver.drivers.simulated.cell_view import cell_view
-from omm_camera_driver.drivers.simulated.true_pose_listener import TRUE_POSE_TOPIC
 from omm_camera_driver.drivers.simulated.true_poses import TruePoses
-from omm_ros import qos
+from omm_ros import qos, topics
 from omm_ros.conversions import stamp_ns, transform_from_pose
 from omm_ros.diagnostics import OK, WARN, Diagnostics, Health
 from omm_ros.node_main import run_node
@@ -66,7 +65,9 @@ class GigeSimulatorNode(Node):
             serial=wanted.serial,
             exposure_us=self._view.exposure_ns // 1000,
         )
-        self.create_subscription(PoseStamped, TRUE_POSE_TOPIC, self._on_true_pose, qos.POSE)
+        self.create_subscription(
+            PoseStamped, topics.TRUE_SPINDLE_POSE, self._on_true_pose, qos.POSE
+        )
         self._diagnostics = Diagnostics(self, hardware_id=wanted.serial)
         self._diagnostics.add("simulated camera", self._health)
         self.get_logger().info(f"Simulated GigE camera {wanted.serial} at {wanted.address}")

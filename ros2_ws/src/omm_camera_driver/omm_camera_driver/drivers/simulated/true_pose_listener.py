@@ -5,16 +5,14 @@ from collections.abc import Callable
 
 from geometry_msgs.msg import PoseStamped
 from rclpy._rclpy_pybind11 import RCLError
-from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
 from omm_core.geometry import RigidTransform
-from omm_ros import qos
+from omm_ros import qos, topics
 from omm_ros.conversions import stamp_ns, transform_from_pose
 
-TRUE_POSE_TOPIC = "/simulation/true_spindle_pose"
 _END_S = 1.0
 
 
@@ -25,19 +23,21 @@ class TruePoseListener:
     a busy machine they came seconds late, and no image could be taken.
     """
 
-    def __init__(self, context: Context, add: Callable[[int, RigidTransform], None]) -> None:
+    def __init__(self, camera: Node, add: Callable[[int, RigidTransform], None]) -> None:
         self._add = add
-        self._context = context
-        # A node of its own, as an executor serves whole nodes; the remapping of our name is not
-        # meant for it.
+        self._context = context = camera.context
+        # A node of its own, as an executor serves whole nodes. The remapping of the camera's name
+        # is not meant for it; where the topic is, the camera knows.
         self._node = Node(
-            "camera_true_poses",
+            f"{camera.get_name()}_true_poses",
+            namespace=camera.get_namespace(),
             context=context,
             use_global_arguments=False,
             start_parameter_services=False,
             enable_rosout=False,
         )
-        self._node.create_subscription(PoseStamped, TRUE_POSE_TOPIC, self._on_pose, qos.POSE)
+        topic = camera.resolve_topic_name(topics.TRUE_SPINDLE_POSE)
+        self._node.create_subscription(PoseStamped, topic, self._on_pose, qos.POSE)
         self._executor = SingleThreadedExecutor(context=context)
         self._executor.add_node(self._node)
         self._thread = threading.Thread(target=self._spin, name="true poses", daemon=True)
