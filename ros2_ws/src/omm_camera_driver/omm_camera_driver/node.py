@@ -242,6 +242,8 @@ class CameraNode(LifecycleNode):
 
 
 def _level(status: Status) -> bytes:
+    if status.state is State.INACTIVE:
+        return WARN
     if status.state is not State.STREAMING:
         return ERROR
     return WARN if status.problem else OK

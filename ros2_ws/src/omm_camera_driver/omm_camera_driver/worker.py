@@ -1,6 +1,6 @@
 """The one thread that talks to the camera, and what it does when the camera goes away.
 
-    absent ──▶ opening ──▶ streaming ──▶ lost ──▶ opening ──▶ …
+    inactive ──▶ absent ──▶ opening ──▶ streaming ──▶ lost ──▶ opening ──▶ …
 
 Nothing else calls the driver: device calls block (a GigE camera that was unplugged keeps `close`
 for seconds), and nobody who must answer may wait for them. After a loss the old connection is
@@ -37,6 +37,7 @@ _RATE_WINDOW_S = 5.0
 class State(str, Enum):
     """What the connection is in."""
 
+    INACTIVE = "inactive"
     ABSENT = "absent"
     OPENING = "opening"
     STREAMING = "streaming"
@@ -115,6 +116,7 @@ class CameraWorker:
     def start(self) -> None:
         """Begin to connect; returns at once."""
         self._stopping.clear()
+        self._status = replace(self._status, state=State.ABSENT, problem="", camera=None)
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
         self._thread.start()
 
@@ -133,7 +135,7 @@ class CameraWorker:
         """Ask for one image; the future gives its stamp in ns once it has been published."""
         now_s = time.monotonic()
         request = _ImageRequest(asked_ns=time.time_ns(), deadline_s=now_s + self._trigger_timeout_s)
-        status = self._status
+        status = self.status()
         if status.state is not State.STREAMING or self._stopping.is_set():
             request.future.set_exception(DeviceError(_why_not(status)))
             return request.future
@@ -155,6 +157,8 @@ class CameraWorker:
     def status(self) -> Status:
         """What is known now."""
         now_s = time.monotonic()
+        if self._thread is None:
+            return replace(self._status, state=State.INACTIVE, problem="", camera=None)
         recent = [t for t in list(self._published_at) if now_s - t < _RATE_WINDOW_S]
         rate_hz = (len(recent) - 1) / (recent[-1] - recent[0]) if len(recent) > 1 else 0.0
         return replace(self._status, rate_hz=rate_hz)
@@ -163,8 +167,9 @@ class CameraWorker:
 
     def _run(self) -> None:
         while not self._stopping.is_set():
-            driver = self._make_driver()
+            driver: CameraDriver | None = None
             try:
+                driver = self._make_driver()
                 self._connect(driver)
                 self._stream(driver)
             except OmmError as error:
@@ -173,7 +178,8 @@ class CameraWorker:
                 if self._failed(f"{type(error).__name__} in the driver: {error}"):
                     traceback.print_exc()
             finally:
-                self._dispose(driver)
+                if driver is not None:
+                    self._dispose(driver)
             self._stopping.wait(_RETRY_S)
 
     def _connect(self, driver: CameraDriver) -> None:
@@ -357,6 +363,8 @@ def _is_exposed_after(frame: Frame, asked_ns: int) -> bool:
 
 
 def _why_not(status: Status) -> str:
+    if status.state is State.INACTIVE:
+        return "The camera node is not active. Activate it first."
     if status.problem:
         return f"The camera is {status.state.value}: {status.problem}"
     return f"The camera is {status.state.value}. Try again when it is streaming."

@@ -31,6 +31,7 @@ from omm_core.warm_up import warm_up_detection, warm_up_estimation
 from omm_estimator import conversions
 from omm_estimator.parameters import Parameters
 from omm_ros import qos, topics
+from omm_ros.adaptive_subscription import AdaptiveSubscription
 from omm_ros.conversions import image_from_message, stamp_ns, transform_from_pose
 from omm_ros.diagnostics import ERROR, OK, WARN, Diagnostics, Health
 from omm_ros.frames import prefixed
@@ -88,8 +89,8 @@ class EstimatorNode(LifecycleNode):
         warm_up_detection()
         warm_up_estimation()
         self._inputs = [
-            self.create_subscription(Image, topics.IMAGE, self._on_image, qos.IMAGE),
-            self.create_subscription(PoseStamped, topics.SPINDLE_POSE, self._on_pose, qos.POSE),
+            AdaptiveSubscription(self, Image, topics.IMAGE, self._on_image, qos.IMAGE),
+            AdaptiveSubscription(self, PoseStamped, topics.SPINDLE_POSE, self._on_pose, qos.POSE),
         ]
         self._answers = [
             self.create_service(Trigger, "~/new_clamping", self._on_new_clamping),
@@ -118,7 +119,7 @@ class EstimatorNode(LifecycleNode):
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Forget everything."""
         for subscription in self._inputs:
-            self.destroy_subscription(subscription)
+            subscription.destroy()
         for service in self._answers:
             self.destroy_service(service)
         for timer in self._ticking:
@@ -320,9 +321,11 @@ class EstimatorNode(LifecycleNode):
         values: dict[str, object] = {f"refused {i.stamp_ns}": i.reason for i in refused[-20:]}
         values |= {"images": len(result.images), "pending": result.images_pending}
         values["bad poses"], values["missed images"] = self._bad_poses, self._missed_images
-        message = f"{len(result.images) - len(refused)} of {len(result.images)} images used"
+        trouble = [subscription.trouble for subscription in self._inputs if subscription.trouble]
+        used = f"{len(result.images) - len(refused)} of {len(result.images)} images used"
+        message = "; ".join([used, *trouble])
         return Health(
-            level=WARN if refused or self._bad_poses or self._missed_images else OK,
+            level=WARN if refused or self._bad_poses or self._missed_images or trouble else OK,
             message=message,
             values=values,
         )

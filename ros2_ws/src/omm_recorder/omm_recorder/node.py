@@ -59,6 +59,7 @@ class RecorderNode(Node):
         self.parameters = declare(self, Parameters)
         self.failed = False
         self._attached: dict[str, bytes] = {}
+        self._unread: dict[str, str] = {}  # files that a node uses and we cannot read
         self._heard: dict[str, tuple[TopicQos, Subscription]] = {}
         self._heard_as: dict[str, str] = {}  # recorded name -> name with the namespace
         self._unknown: set[str] = set()
@@ -169,7 +170,12 @@ class RecorderNode(Node):
         named = {n: getattr(self.parameters, p) for p, n in FILES.items()}
         return {name: file_to_record(Path(path), name) for name, path in named.items() if path}
 
+    def _not_attached(self, name: str, error: InputError) -> None:
+        self._unread[name] = str(error)
+        self.get_logger().error(f"{error} The recording alone cannot be solved.")
+
     def _attach(self, name: str, file: FileToRecord) -> None:
+        self._unread.pop(name, None)
         self._attached[name] = file.data
         self.recorder.add_file(name, file.data, file.mode)
 
@@ -280,7 +286,7 @@ class RecorderNode(Node):
         try:
             file = file_to_record(path, name)
         except InputError as error:
-            self.get_logger().error(str(error))
+            self._not_attached(name, error)
             return
         if file.data != self._attached.get(name):
             self._attach(name, file)
@@ -302,6 +308,8 @@ class RecorderNode(Node):
         lost = state.lost + state.missing
         level = ERROR if not state.recording else WARN if lost or state.trouble else OK
         message = state.trouble or (f"{lost} messages lost" if lost else "all is recorded")
+        if self._unread and level == OK:
+            level, message = WARN, "; ".join(self._unread.values())
         values = {
             "file": str(self.folder / RUN_NAME),
             "written [MB]": f"{state.bytes_written / 1e6:.1f}",
@@ -312,6 +320,7 @@ class RecorderNode(Node):
             "received": state.received,
             "lost here": state.lost,
             "missing from publishers": state.missing,
+            "files": ", ".join(sorted(self._attached)) or "none yet",
         }
         return Health(level=level, message=message, values=values)
 

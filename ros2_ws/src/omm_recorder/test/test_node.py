@@ -573,3 +573,38 @@ def test_replay_tells_what_is_wrong(start: Any, tmp_path: Path, record: Any) -> 
         assert process.returncode == 2
         assert words in errors
         assert "Traceback" not in errors
+
+
+def test_a_file_that_cannot_be_read_ends_the_ok(
+    node: Any, start: Callable[..., Any], tmp_path: Path
+) -> None:
+    """A recording without its part file cannot be solved: nobody shall learn that afterwards."""
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+
+    estimator = rclpy.create_node("estimator", context=node.context)
+    estimator.declare_parameter("part_file", str(tmp_path / "away" / "part.yaml"))
+    heard: dict[str, Any] = {}
+    node.create_subscription(
+        DiagnosticArray,
+        "/diagnostics",
+        lambda message: heard.update({s.name: s for s in message.status}),
+        10,
+    )
+    executor = rclpy.executors.SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    executor.add_node(estimator)
+    recorder = start("node", folder=tmp_path / "run")
+    deadline_s = time.monotonic() + 60.0
+
+    def told() -> bool:
+        line = heard.get("recorder: recording")
+        return line is not None and "part.yaml" in line.message
+
+    while not told() and time.monotonic() < deadline_s:
+        executor.spin_once(timeout_sec=0.1)
+    assert told(), heard
+    assert heard["recorder: recording"].level == DiagnosticStatus.WARN
+    executor.shutdown()
+    estimator.destroy_node()
+    recorder.send_signal(signal.SIGINT)
+    assert recorder.wait(30) == 0

@@ -9,6 +9,7 @@ parameters = declare(node, Parameters)
 
 import dataclasses
 import difflib
+import os
 import typing
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -70,7 +71,10 @@ def declare(node: Node, kind: type[P]) -> P:
     for field in dataclasses.fields(kind):  # type: ignore[arg-type]
         try:
             declared = node.declare_parameter(
-                field.name, _to_ros(field.default), _descriptor(field)
+                field.name,
+                _given(node, field),
+                _descriptor(field),
+                ignore_override=_names_file(field),
             )
         except (InvalidParameterTypeException, InvalidParameterValueException) as error:
             raise InputError(
@@ -163,6 +167,19 @@ def _descriptor(field: "dataclasses.Field[Any]") -> ParameterDescriptor:
             )
         ]
     return descriptor
+
+
+def _names_file(field: "dataclasses.Field[Any]") -> bool:
+    return isinstance(field.default, str) and field.name.endswith("_file")
+
+
+def _given(node: Node, field: "dataclasses.Field[Any]") -> Any:
+    """The default; of a file, its absolute path: other nodes, elsewhere, read it, too."""
+    if not _names_file(field):
+        return _to_ros(field.default)
+    override = node._parameter_overrides.get(field.name)
+    value = field.default if override is None else override.value
+    return os.path.abspath(value) if isinstance(value, str) and value else value
 
 
 def _to_ros(value: Any) -> Any:

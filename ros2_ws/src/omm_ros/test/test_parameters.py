@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 import rclpy
@@ -69,4 +70,21 @@ def test_run_time_changes_reach_the_node_and_bad_ones_do_not(context: rclpy.Cont
     assert not node.set_parameters([Parameter("rate_hz", value=5000.0)])[0].successful
     assert not node.set_parameters([Parameter("driver", value="gige")])[0].successful
     assert [p.rate_hz for p in seen] == [20.0]
+    node.destroy_node()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Files:
+    part_file: str = parameter("", "Part.")
+    key_file: str = parameter("", "Key.")
+
+
+def test_a_file_is_told_by_its_absolute_path(
+    context: rclpy.Context, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Whoever asks the node for it, the recorder for one, runs in another folder."""
+    monkeypatch.chdir(tmp_path)
+    node = make(context, Parameter("part_file", value="parts/../part.yaml"))
+    assert declare(node, Files) == Files(part_file=str(tmp_path / "part.yaml"))
+    assert node.get_parameter("part_file").value == str(tmp_path / "part.yaml")
     node.destroy_node()
