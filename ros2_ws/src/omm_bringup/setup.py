@@ -12,6 +12,7 @@ setup(
         ("share/" + package_name + "/launch", ["launch/demo.launch.py"]),
     ],
     install_requires=["setuptools"],
+    extras_require={"test": ["pytest"]},
     zip_safe=True,
     maintainer="omm maintainers",
     maintainer_email="maintainers@omm.invalid",

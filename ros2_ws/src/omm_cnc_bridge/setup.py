@@ -16,6 +16,7 @@ setup(
         ("share/" + package_name + "/controls", glob("controls/*")),
     ],
     install_requires=["setuptools"],
+    extras_require={"test": ["pytest"]},
     zip_safe=True,
     maintainer="omm maintainers",
     maintainer_email="maintainers@omm.invalid",

@@ -17,6 +17,7 @@ setup(
         ),
     ],
     install_requires=["setuptools"],
+    extras_require={"test": ["pytest"]},
     zip_safe=True,
     maintainer="omm maintainers",
     maintainer_email="maintainers@omm.invalid",
