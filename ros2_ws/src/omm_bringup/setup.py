@@ -1,3 +1,5 @@
+from glob import glob
+
 from setuptools import find_packages, setup
 
 package_name = "omm_bringup"
@@ -9,7 +11,8 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
         ("share/" + package_name, ["package.xml"]),
-        ("share/" + package_name + "/launch", ["launch/demo.launch.py"]),
+        ("share/" + package_name + "/launch", sorted(glob("launch/*.py"))),
+        ("share/" + package_name + "/config", sorted(glob("config/*.yaml"))),
     ],
     install_requires=["setuptools"],
     extras_require={"test": ["pytest"]},

@@ -17,19 +17,27 @@ from launch_ros.actions import Node
 
 from launch import LaunchDescription
 from omm_bringup.cell import CAMERAS, CONTROLS, simulated_cell
+from omm_bringup.launch_arguments import check_choice, check_names
 from omm_simulation.cell import draw, write_estimator_files
 from omm_simulation.scenario import load_scenario
+
+ARGUMENTS = {
+    "scenario": ("bench", "bench, industrial, ideal, or a scenario's folder"),
+    "seed": ("1", "equal seeds make equal cells"),
+    "camera": ("simulated", f"one of {', '.join(CAMERAS)}"),
+    "control": ("simulated", f"one of {', '.join(CONTROLS)}"),
+    "folder": ("", "where to leave the run; empty: a new folder in runs/"),
+}
 
 
 def generate_launch_description() -> LaunchDescription:
     """Declare the arguments; the nodes follow when these are known."""
     return LaunchDescription(
         [
-            DeclareLaunchArgument("scenario", default_value="bench"),
-            DeclareLaunchArgument("seed", default_value="1"),
-            DeclareLaunchArgument("camera", default_value="simulated", choices=list(CAMERAS)),
-            DeclareLaunchArgument("control", default_value="simulated", choices=list(CONTROLS)),
-            DeclareLaunchArgument("folder", default_value="", description="where to leave the run"),
+            *(
+                DeclareLaunchArgument(name, default_value=default, description=description)
+                for name, (default, description) in ARGUMENTS.items()
+            ),
             SetEnvironmentVariable("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST"),
             OpaqueFunction(function=_nodes),
         ]
@@ -37,10 +45,10 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def _nodes(context):  # type: ignore[no-untyped-def]
-    chosen = {
-        name: LaunchConfiguration(name).perform(context)
-        for name in ("scenario", "seed", "camera", "control", "folder")
-    }
+    check_names(ARGUMENTS, context.launch_configurations)
+    chosen = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    check_choice("camera", chosen["camera"], CAMERAS)
+    check_choice("control", chosen["control"], CONTROLS)
     scenario, seed = chosen["scenario"], int(chosen["seed"])
     default = f"runs/{time.strftime('%Y%m%d-%H%M%S')}-{scenario}-{seed}"
     folder = Path(chosen["folder"] or default).resolve()
@@ -66,4 +74,14 @@ def _nodes(context):  # type: ignore[no-untyped-def]
         output="screen",
     )
     ended = OnProcessExit(target_action=operator, on_exit=[EmitEvent(event=Shutdown())])
-    return [*nodes, operator, RegisterEventHandler(ended)]
+    # A node that dies ends the demo: nobody waits for one that will not come.
+    died = [
+        RegisterEventHandler(
+            OnProcessExit(
+                target_action=node,
+                on_exit=[EmitEvent(event=Shutdown(reason=f"{spec.name} has ended"))],
+            )
+        )
+        for spec, node in zip(specs, nodes)
+    ]
+    return [*nodes, operator, RegisterEventHandler(ended), *died]

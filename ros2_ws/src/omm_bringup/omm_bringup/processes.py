@@ -29,6 +29,7 @@ class NodeSpec:
     name: str
     namespace: str = ""
     parameters: Mapping[str, Any] = field(default_factory=dict)
+    parameter_file: Path | None = None
     ends_first: bool = False
     """Whether it is ended, and waited for, before the others: it asks them for the end."""
 
@@ -92,7 +93,13 @@ def _start(spec: NodeSpec, log_folder: Path) -> RunningNode:
     node_arguments += ["-r", f"__ns:={spec.namespace}"] if spec.namespace else []
     with open(log_file, "wb") as log:
         process = subprocess.Popen(
-            [str(executable_of(spec)), *node_arguments, "--params-file", str(parameter_file)],
+            [
+                str(executable_of(spec)),
+                *node_arguments,
+                *_given(spec),
+                "--params-file",
+                str(parameter_file),
+            ],
             stdin=subprocess.DEVNULL,
             stdout=log,
             stderr=subprocess.STDOUT,
@@ -102,6 +109,10 @@ def _start(spec: NodeSpec, log_folder: Path) -> RunningNode:
             preexec_fn=_end_with_parent,
         )
     return RunningNode(spec=spec, process=process, log_file=log_file)
+
+
+def _given(spec: NodeSpec) -> list[str]:
+    return ["--params-file", str(spec.parameter_file)] if spec.parameter_file else []
 
 
 def _end_with_parent() -> None:

@@ -1,0 +1,42 @@
+"""Arguments of launch files, checked by name: `ros2 launch` itself takes any."""
+
+import difflib
+from collections.abc import Iterable
+
+from omm_core.errors import InputError
+
+# What launch sets itself.
+_OF_LAUNCH = ("launch_file_path", "ros_", "params", "log_", "current_launch_file", "output_")
+
+
+def check_names(known: Iterable[str], given: Iterable[str]) -> None:
+    """Refuse an argument that the launch file does not declare.
+
+    Raises
+    ------
+    InputError
+        One is unknown; the nearest one is told.
+    """
+    names = sorted(known)
+    for name in given:
+        if name in names or name.startswith(_OF_LAUNCH):
+            continue
+        near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+        meant = f" Did you mean {near[0]}?" if near else ""
+        raise InputError(
+            f"Launch argument {name}: expected one of {', '.join(names)}.{meant} "
+            "(--show-args describes them.)"
+        )
+
+
+def check_choice(name: str, given: str, choices: Iterable[str]) -> None:
+    """Refuse a value that is none of the choices.
+
+    Raises
+    ------
+    InputError
+        It is none.
+    """
+    if given not in choices:
+        there = ", ".join(choices)
+        raise InputError(f"Launch argument {name}: expected one of {there}; got {given!r}.")

@@ -1,0 +1,98 @@
+"""The nodes of a measuring station with real devices, as `measure.launch.py` starts them."""
+
+from pathlib import Path
+
+from ament_index_python.packages import get_package_share_directory
+
+from omm_bringup.processes import NodeSpec
+from omm_core.errors import InputError
+
+CAMERAS = ("gige", "v4l2", "simulated")
+CONTROLS = ("linuxcnc", "opcua", "mtconnect", "simulated")
+
+
+def station(
+    *,
+    camera: str,
+    control: str,
+    part_file: str,
+    calibration_file: str,
+    machine_file: str = "",
+    folder: str = "",
+    record: bool = True,
+    namespace: str = "",
+) -> tuple[NodeSpec, ...]:
+    """Camera, CNC bridge, estimator and recorder.
+
+    Parameters
+    ----------
+    camera, control : one of `CAMERAS`, `CONTROLS`, or a parameter file of one's own
+    part_file, calibration_file : what is measured, and with which camera
+    machine_file : URDF or machine.yaml; the controls that are real need it
+    folder : where the recorder writes; empty: a new one in runs/
+    record : whether to record
+    namespace : the machine's, where there are several: `/mill1`
+
+    Raises
+    ------
+    InputError
+        A file is missing.
+    """
+    for name, path in (("part_file", part_file), ("calibration_file", calibration_file)):
+        if not path or not Path(path).is_file():
+            raise InputError(f"{name}: expected a file, got {path!r}.")
+    frames = {"frame_prefix": f"{namespace.strip('/')}/"} if namespace else {}
+    files = {"part_file": str(Path(part_file).resolve())}
+    files["calibration_file"] = str(Path(calibration_file).resolve())
+    machine = {"machine_file": str(Path(machine_file).resolve())} if machine_file else {}
+    recorder = NodeSpec(
+        package="omm_recorder",
+        executable="recorder_node",
+        name="recorder",
+        namespace=namespace,
+        parameters={**files, **({"folder": folder} if folder else {})},
+    )
+    return (
+        *((recorder,) if record else ()),
+        NodeSpec(
+            package="omm_estimator",
+            executable="estimator_node",
+            name="estimator",
+            namespace=namespace,
+            parameters={**files, **frames},
+        ),
+        NodeSpec(
+            package="omm_camera_driver",
+            executable="camera_node",
+            name="camera",
+            namespace=namespace,
+            parameters={"calibration_file": files["calibration_file"], **frames},
+            parameter_file=parameter_file("camera", camera, CAMERAS),
+        ),
+        NodeSpec(
+            package="omm_cnc_bridge",
+            executable="cnc_bridge_node",
+            name="cnc_bridge",
+            namespace=namespace,
+            parameters={**machine, **frames},
+            parameter_file=parameter_file("control", control, CONTROLS),
+        ),
+    )
+
+
+def parameter_file(kind: str, chosen: str, known: tuple[str, ...]) -> Path:
+    """The file behind `camera:=gige`: one of ours, or the user's own.
+
+    Raises
+    ------
+    InputError
+        It is neither.
+    """
+    if chosen in known:
+        share = Path(get_package_share_directory("omm_bringup"))
+        return share / "config" / f"{kind}_{chosen}.yaml"
+    if Path(chosen).is_file():
+        return Path(chosen).resolve()
+    raise InputError(
+        f"{kind}: expected one of {', '.join(known)}, or a parameter file; got {chosen!r}."
+    )
