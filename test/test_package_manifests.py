@@ -19,7 +19,6 @@ ROSDEP_KEYS = {
     "babel": "python3-babel",
     "cryptography": "python3-cryptography",
     "cv2": "python3-opencv",
-    "distributed": "python3-distributed",
     "fpdf": "python3-fpdf2-pip",
     "hypothesis": "python3-hypothesis",
     "lz4": None,
@@ -38,9 +37,9 @@ ROSDEP_KEYS = {
     "zstandard": None,
 }
 # Come with what is named here, and are not installed by themselves.
-COME_ALONG = {"lz4": "mcap", "zstandard": "mcap", "dask": "distributed"}
-# Brought by a device's own software, and looked for at run time: never a dependency.
-OF_THE_SYSTEM = {"linuxcnc", "cascadio"}
+COME_ALONG = {"lz4": "mcap", "zstandard": "mcap"}
+# Looked for when asked for, and told where missing: never a dependency.
+OF_THE_SYSTEM = {"linuxcnc", "cascadio", "dask", "distributed"}
 
 
 def imported(folder: Path) -> set[str]:

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
+from omm_ros import topics
 from omm_ros.published import NAME as PUBLISHED
 from omm_ros.published import count_publications, published
-from omm_ros import topics
 
 OK = DiagnosticStatus.OK
 WARN = DiagnosticStatus.WARN
