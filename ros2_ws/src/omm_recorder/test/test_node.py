@@ -517,7 +517,7 @@ def test_solving_again_uses_every_parameter_of_the_estimator() -> None:
         "centring": "outline",
     }
     used = {f.name for f in dataclasses.fields(Parameters)} - {
-        *("part_file", "calibration_file", "part_frame", "frame_prefix", "publish_tf")
+        *("part_file", "calibration_file", "part_frame", "frame_prefix", "publish_tf", "network")
     }
     assert set(values) == used
     assert options_from(values) == Parameters(**values).measurement_options()
