@@ -131,6 +131,17 @@ class TakesBlocks(Protocol):
         """
 
 
+@runtime_checkable
+class TakesCorrections(Protocol):
+    """A control whose measuring program can be told where the next stop shall be."""
+
+    def correct(self, shift_mm: tuple[float, float, float], status: int, *, valid: bool) -> None:
+        """Set what the program reads with its next answer: a shift of X, Y, Z, and its status.
+
+        Raises DeviceError where the control is not connected.
+        """
+
+
 @dataclass(frozen=True, kw_only=True)
 class TruePose:
     """Where the spindle of a simulated machine truly was."""

@@ -2,8 +2,10 @@
 
 import math
 
+import numpy as np
 from geometry_msgs.msg import PoseStamped, TransformStamped
-from omm_interfaces.msg import SpindleState
+from numpy.typing import NDArray
+from omm_interfaces.msg import SpindleState, TargetObservations
 
 from omm_cnc_bridge.control import Connection
 from omm_cnc_bridge.judgement import Judgement
@@ -66,3 +68,11 @@ def state_message(
     message.measure_requested = connected and sample.measure_request is not None
     message.measure_request = sample.measure_request or 0
     return message
+
+
+def found_targets(message: TargetObservations) -> dict[int, tuple[NDArray[np.float64], float]]:
+    """Centre (2,) and diameter of each target that was found, px, by number."""
+    return {
+        target.id: (np.array([target.col_px, target.row_px]), target.diameter_px)
+        for target in message.targets
+    }

@@ -7,7 +7,8 @@ met is not answered: the program's own time-out then ends it, with the reason in
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from enum import Enum
 
 from omm_cnc_bridge.control import ControlSample
@@ -37,6 +38,8 @@ class Acknowledge:
     """Tell the program that image ``request`` is in."""
 
     request: int
+    image_ns: int = field(default=0, compare=False)
+    """Stamp of that image."""
 
 
 Action = Trigger | Acknowledge | None
@@ -55,10 +58,20 @@ class Handshake:
     """State machine; fed with every judged sample and with the camera's answers.
 
     Not safe for threads by itself: the caller holds a lock around it.
+
+    Parameters
+    ----------
+    is_ready : callable
+        Whether an image (its stamp, and now, ns) may be answered as far as others are concerned.
     """
 
-    def __init__(self, limits: HandshakeLimits) -> None:
+    def __init__(
+        self,
+        limits: HandshakeLimits,
+        is_ready: Callable[[int, int], bool] = lambda image_ns, now_ns: True,
+    ) -> None:
         self._limits = limits
+        self._is_ready = is_ready
         self._step = _Step.IDLE
         self._request: int | None = None
         self._attempt = 0  # counts over all requests, so that a late answer is recognised
@@ -132,9 +145,11 @@ class Handshake:
             return None
         if stamp_ns < self._image_ns + self._limits.hold_ns or self._request is None:
             return None
+        if not self._is_ready(self._image_ns, now_ns):
+            return None
         self._step = _Step.DONE
         self.acknowledged = self._request
-        return Acknowledge(request=self._request)
+        return Acknowledge(request=self._request, image_ns=self._image_ns)
 
     def _failed(self, why: str, now_ns: int) -> None:
         self.trouble = f"{why} (attempt {self._tries} of {self._limits.attempts})"

@@ -88,6 +88,19 @@ class Parameters:
         True, "Simulated control: start its program as soon as the camera's service is there."
     )
 
+    plan_file: str = parameter(
+        "",
+        "Plan (JSON of `./omm plan`) whose program is led to a part that lies elsewhere; needs "
+        "part_file and calibration_file. Empty leads no program.",
+    )
+    part_file: str = parameter("", "part.yaml of the plan.")
+    calibration_file: str = parameter("", "camera.yaml of the plan.")
+    find_timeout_s: float = parameter(
+        3.0,
+        "How long the estimator is waited for with each image; then no correction is told.",
+        minimum=0.1,
+    )
+
     linuxcnc_reader: tuple[str, ...] = parameter(
         (),
         "LinuxCNC on another machine: command that starts linuxcnc_reader.py there, for instance "
@@ -101,8 +114,9 @@ class Parameters:
     )
     linuxcnc_cell: str = parameter(
         "",
-        "LinuxCNC: start this configuration with simulated drives, and let it run the scenario's "
-        "program (for trying, see docs/cnc_controls.md). Empty connects to one that runs.",
+        "LinuxCNC: start this configuration with simulated drives, and let it run program_file or "
+        "else the scenario's program (for trying, see docs/cnc_controls.md). Empty connects to one "
+        "that runs.",
         choices=("", "three_axis_mill"),
     )
     program_file: str = parameter(

@@ -55,6 +55,7 @@ def run(args: argparse.Namespace) -> int:
     from omm_core.errors import InputError, MeasurementError
     from omm_core.files.output import write_whole
     from omm_core.planning.other_programs import program_text
+    from omm_core.planning.plan_file import program_json
     from omm_core.planning.plan_program import plan_program
     from omm_core.planning.wish import Wish
     from omm_report.plan_text import plan_text
@@ -81,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
     if plan.reached:
         search = args.search is not None
         program = plan_program(plan, limit_mm=args.search if search else args.limit, search=search)
-        result["program"] = {"images": len(program.stops), "limit_mm": program.options.limit_mm}
+        result["program"] = program_json(plan, program)
     if args.json is not None:
         write_whole(args.json, json.dumps(result, indent=1, allow_nan=False) + "\n")
     print(plan_text(plan))

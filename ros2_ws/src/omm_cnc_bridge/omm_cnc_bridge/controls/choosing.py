@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from omm_cnc_bridge.control import Control
@@ -86,9 +87,18 @@ def _linuxcnc_cell(p: Parameters) -> tuple[Control, Machine]:
     )
     stops = backing_off(cell.stops, program.retract_mm * tool)
     text = linuxcnc_program(make_program(machine, stops, options, title=cell.scenario.name))
+    if p.program_file:
+        text = _text(p.program_file)
     true_pose = ErringSpindle(cell).true_pose
     control = DemoLinuxCnc(p.linuxcnc_cell, text, machine, rate_hz=p.rate_hz, true_pose=true_pose)
     return control, machine
+
+
+def _text(path: str) -> str:
+    try:
+        return Path(path).read_text(encoding="ascii")
+    except (OSError, ValueError) as error:
+        raise InputError(f"Expected a program at {path}: {error}.") from error
 
 
 def _simulated(p: Parameters) -> tuple[Control, Machine]:

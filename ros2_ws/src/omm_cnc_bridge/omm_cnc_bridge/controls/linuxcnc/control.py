@@ -75,6 +75,8 @@ class LinuxCncControl:
         self._status: dict[str, Any] = {}
         self._numbers = 0
         self._answers: dict[int, queue.Queue[str]] = {}
+        self._corrections: set[int] = set()  # numbers of commands whose answer nobody waits for
+        self._notes: tuple[str, ...] = ()
         self._writing = threading.Lock()
 
     def connect(self) -> None:
@@ -122,6 +124,16 @@ class LinuxCncControl:
         """Set the HAL signal that the program's M66 waits for; it falls when the request does."""
         del request  # LinuxCNC's handshake has one image at a time
         self._send(do="acknowledge")
+
+    def correct(self, shift_mm: tuple[float, float, float], status: int, *, valid: bool) -> None:
+        """Set the HAL signals that the program reads with its next answer.
+
+        Where HAL does not have them the samples' notes say so, and the program, which finds no
+        valid correction, goes on as planned.
+        """
+        self._corrections.add(
+            self._send(do="correct", valid=valid, values=[*shift_mm, float(status)])
+        )
 
     def start_program(self) -> None:
         self._ask(ANSWER_TIMEOUT_S, do="run", text=self._program_file)
@@ -190,6 +202,11 @@ class LinuxCncControl:
             raise DeviceError(f"LinuxCNC: {error}.")
 
     def _on_answer(self, answer: dict[str, Any]) -> None:
+        if answer["number"] in self._corrections:
+            self._corrections.discard(answer["number"])
+            if answer["error"]:
+                self._notes = (f"the program cannot be led: {answer['error']}",)
+            return
         waiting = self._answers.get(answer["number"])
         if waiting is not None:
             waiting.put(answer["error"])
@@ -230,6 +247,7 @@ class LinuxCncControl:
             program=os.path.basename(status.get("program", "")),
             program_line=status.get("line", -1),
             measure_request=round(image) if wanted else None,
+            notes=self._notes,
             orientation=_ORIENTATIONS.get(status.get("orientation", -1), Orientation.UNKNOWN),
             spindle_angle_rad=math.radians(_or_nan(status.get("spindle_deg"))),
         )

@@ -34,6 +34,10 @@ ANGLE_PERIOD_S = 0.5
 LIVENESS_PERIOD_S = 0.05
 LIVENESS_LIMIT_S = 0.25
 SIGNAL_TAKEN = "omm-image-taken"
+SIGNAL_VALID = "omm-correction-valid"
+SIGNALS_CORRECTION = (
+    "omm-correction-x", "omm-correction-y", "omm-correction-z", "omm-correction-status",
+)  # fmt: skip
 
 
 class Lost(Exception):
@@ -338,11 +342,24 @@ class Reader:
             if error is not None:
                 tell(answer={"number": command["number"], "error": error})
 
-    def _obey(self, command: dict[str, str]) -> str | None:
+    def _correct(self, values: Any) -> str:
+        """Set the correction that the program reads; it is not valid while it changes."""
+        words = [(SIGNAL_VALID, "FALSE")]
+        if values:
+            words += [(name, f"{value:.6f}") for name, value in zip(SIGNALS_CORRECTION, values)]
+            words += [(SIGNAL_VALID, "TRUE")]
+        for name, value in words:
+            if self._halcmd("sets", name, value) is None:
+                return f"HAL has no signal {name}: see *_omm.hal"
+        return ""
+
+    def _obey(self, command: dict[str, Any]) -> str | None:
         """Carry out one command; returns what went wrong, nothing, or None: answered later."""
         if command["do"] == "acknowledge":
             done = self._halcmd("sets", SIGNAL_TAKEN, "TRUE")
             return "" if done is not None else f"HAL has no signal {SIGNAL_TAKEN}: see *_omm.hal"
+        if command["do"] == "correct":
+            return self._correct(command["values"] if command["valid"] else ())
         s, lc, order = self._stat, self._linuxcnc, self._linuxcnc.command()
         if s.task_state != lc.STATE_ON or not all(s.homed[: self._joints]):
             return "the machine is not switched on and referenced"
