@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import ExifTags, Image
 
 from omm_core.errors import InputError
 from omm_core.survey.sighting import sighting_of_target
@@ -20,6 +21,9 @@ from omm_core.targets.plain import PlainDot, PlainOptions, find_plain_dots
 Array = NDArray[np.float64]
 
 _FEWEST_FOR_POLARITY = 3
+_FOCAL_LENGTH, _AS_35MM, _EXIF_WIDTH = 37386, 41989, 40962  # EXIF 2.3
+_PLANE_RESOLUTION, _PLANE_UNIT = 41486, 41488
+_DIAGONAL_35MM = 43.267
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,12 +61,10 @@ def read_photograph(path: Path) -> NDArray[Any]:
     return np.ascontiguousarray(image)
 
 
-def look_at_all(
-    photos: tuple[Path, ...], family: str, size_px: tuple[int, int] | None = None
-) -> list[Seen]:
+def look_at_all(photos: tuple[Path, ...], family: str) -> list[Seen]:
     """Return what each photograph shows, on all cores, with progress on the screen."""
     found: list[Seen] = []
-    jobs = [(photo, family, size_px) for photo in photos]
+    jobs = [(photo, family) for photo in photos]
     shown = sys.stderr.isatty()
     with ProcessPoolExecutor(len(os.sched_getaffinity(0))) as pool:
         for number, seen in enumerate(pool.map(_look, jobs), start=1):
@@ -74,19 +76,16 @@ def look_at_all(
     return found
 
 
-def _look(job: tuple[Path, str, tuple[int, int] | None]) -> Seen:
+def _look(job: tuple[Path, str]) -> Seen:
     import cv2
 
     cv2.setNumThreads(1)
-    photo, family_name, size_px = job
-    image = read_photograph(photo)
+    photo, family_name = job
+    try:
+        image = read_photograph(photo)
+    except InputError as error:
+        return Seen(size_px=(0, 0), problem=str(error).removesuffix("."))
     size = (image.shape[1], image.shape[0])
-    if size_px is not None and size != size_px:
-        wanted = f"{size_px[0]} x {size_px[1]}"
-        return Seen(
-            size_px=size,
-            problem=f"it has {size[0]} x {size[1]} pixels, the camera's others {wanted}",
-        )
     family = TargetFamily.by_name(family_name)
     detection = detect_targets(image, family)
     targets = detection.targets
@@ -101,6 +100,56 @@ def _look(job: tuple[Path, str, tuple[int, int] | None]) -> Seen:
         targets=targets,
         dots=find_plain_dots(image, options, rings_of(targets, family)),
     )
+
+
+def focal_length_px(photos: tuple[Path, ...], size_px: tuple[int, int]) -> float:
+    """Return the focal length that the photographs' EXIF tells, in pixels.
+
+    Raises
+    ------
+    InputError
+        Where it tells none, or different ones.
+    """
+    told = {photo: _exif_focal_px(photo, size_px) for photo in photos}
+    known = sorted({round(f, 1) for f in told.values() if f is not None})
+    if not known:
+        raise InputError(
+            "The photographs' EXIF tells no focal length: expected camera: {pixel_size_mm,"
+            " focal_length_mm} in survey.yaml."
+        )
+    if known[-1] > 1.02 * known[0]:
+        raise InputError(
+            f"The photographs' EXIF tells focal lengths from {known[0]:.0f} to {known[-1]:.0f}"
+            " pixels: one survey takes one camera with one setting. Leave the others out."
+        )
+    return known[len(known) // 2]
+
+
+def _exif_focal_px(photo: Path, size_px: tuple[int, int]) -> float | None:
+    try:
+        with Image.open(photo) as opened:
+            exif = opened.getexif()
+            told = {**exif, **exif.get_ifd(ExifTags.IFD.Exif)}
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+        return None
+    focal, as_35mm = (_positive(told.get(tag)) for tag in (_FOCAL_LENGTH, _AS_35MM))
+    resolution, unit = _positive(told.get(_PLANE_RESOLUTION)), told.get(_PLANE_UNIT, 2)
+    width = _positive(told.get(_EXIF_WIDTH))
+    unit_mm = {2: 25.4, 3: 10.0, 4: 1.0}.get(unit)
+    if focal and resolution and unit_mm:
+        scale = size_px[0] / width if width else 1.0  # where the picture was made smaller
+        return focal * resolution / unit_mm * scale
+    if as_35mm:
+        return as_35mm * float(np.hypot(*size_px)) / _DIAGONAL_35MM
+    return None
+
+
+def _positive(value: Any) -> float | None:
+    try:
+        number = float(value)
+    except (TypeError, ValueError, ZeroDivisionError):
+        return None
+    return number if np.isfinite(number) and number > 0.0 else None
 
 
 def rings_of(targets: tuple[DetectedTarget, ...], family: TargetFamily) -> Array:

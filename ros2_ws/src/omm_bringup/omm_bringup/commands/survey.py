@@ -15,13 +15,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Survey and print what came out."""
     from omm_core.files.output import write_whole
-    from omm_runs.surveying import survey, write_points
+    from omm_runs.survey_result import write_points
+    from omm_runs.surveying import survey
 
-    given, network, result = survey(arguments.set)
+    found = survey(arguments.set)
+    result = found.json
     if arguments.json is not None:
         write_whole(arguments.json, json.dumps(result, indent=1, allow_nan=False) + "\n")
     if arguments.out is not None:
-        write_points(arguments.out, given, network, result)
+        write_points(arguments.out, found)
     used = sum(photo["used"] for photo in result["photos"])
     coded = sum(point["coded"] for point in result["points"])
     print(

@@ -83,7 +83,10 @@ def outline(image, col, row, xx, xy, yy, sign):
             c, s = math.cos(angle), math.sin(angle)
             ux, uy = a11 * c + a12 * s, a12 * c + a22 * s
             length = math.sqrt(ux * ux + uy * uy)
-            if not inside(image, col + 1.5 * ux, row + 1.5 * uy):
+            # The last sample of a short ray lies farther out than 1.5 of it.
+            step = max(0.5 / max(length, 1.0), 1.0 / 32.0)
+            far = max(1.5, end + step)
+            if not inside(image, col + far * ux, row + far * uy):
                 return result, False
             v_in = 0.5 * (
                 between(image, col + 0.5 * ux, row + 0.5 * uy)
@@ -95,7 +98,7 @@ def outline(image, col, row, xx, xy, yy, sign):
             level_in += v_in / rays
             level_out += v_out / rays
             level = 0.5 * (v_in + v_out)
-            t, step = begin, max(0.5 / max(length, 1.0), 1.0 / 32.0)
+            t = begin
             before = sign * (between(image, col + t * ux, row + t * uy) - level)
             found = False
             steepest = 0.0

@@ -1,0 +1,164 @@
+"""What people must be told of a network: what was left out, what is weak, what to do about it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from omm_core.survey.network import FEWEST_RAYS, Network
+
+Array = NDArray[np.float64]
+
+_BAR_SIGMAS = 3.0
+_WEAK_ANGLE = 0.35  # rad between the outermost rays of a point
+_FOCAL_OFF = 0.1
+
+
+def name_of(number: int) -> str:
+    """Return what a point is called: a coded target's number, or P and a number."""
+    return str(number) if number > 0 else f"P{-number}"
+
+
+def findings_of(
+    network: Network, photo_name: Callable[[int], str], nominal_focal_px: float
+) -> list[str]:
+    """Return the findings of a network, the gravest first."""
+    return [
+        *_bars(network),
+        *_suspects(network, photo_name),
+        *_few_rays(network),
+        *_weak_angles(network),
+        *_roll(network),
+        *_focal(network, nominal_focal_px),
+        *_left_out_rays(network),
+    ]
+
+
+def _bars(network: Network) -> list[str]:
+    bars = network.bars
+    if len(bars) == 1:
+        return ["Only one scale bar: its length is not checked by anything."]
+    words = []
+    for bar in bars:
+        off = network.length(bar.ends)[0] - bar.length_mm
+        if abs(off) > _BAR_SIGMAS * bar.sigma_mm:
+            words.append(
+                f"The scale bars disagree: {bar.ends[0]}-{bar.ends[1]} comes out {off:+.4f} mm off"
+                f" its length, which is declared to {bar.sigma_mm:g} mm."
+            )
+    return words
+
+
+def _suspects(network: Network, photo_name: Callable[[int], str]) -> list[str]:
+    """Name targets and photographs of which a quarter or more of the rays were left out."""
+    words = []
+    for what, numbers, name in (
+        ("Target", [s.point for s in network.sightings], name_of),
+        ("Photograph", [s.photo for s in network.sightings], photo_name),
+    ):
+        every = np.array(numbers)
+        for number in np.unique(every):
+            out = int(np.sum(~network.used & (every == number)))
+            of = int(np.sum(every == number))
+            if out >= 2 and out >= 0.25 * of:
+                words.append(
+                    f"{what} {name(int(number))}: {out} of {of} rays do not fit and are left out;"
+                    " it may be partly hidden, misread or moved."
+                )
+    return words
+
+
+def _few_rays(network: Network) -> list[str]:
+    few = [name_of(p) for p, rays in network.ray_counts().items() if rays < FEWEST_RAYS]
+    if not few:
+        return []
+    return [
+        f"Not delivered, with fewer than {FEWEST_RAYS} rays: {_listed(few)}. Take photographs of"
+        " them from other sides."
+    ]
+
+
+def widest_angles(network: Network) -> dict[int, float]:
+    """Return the largest angle between two used rays of each point, rad."""
+    places = network.solution.values["photos"][:, 3:]
+    seen: dict[int, list[int]] = {}
+    for s, used in zip(network.sightings, network.used, strict=True):
+        if used:
+            seen.setdefault(s.point, []).append(network.photos[s.photo])
+    angles = {}
+    for point, rows in seen.items():
+        looks = places[rows] - network.xyz_mm(point)
+        looks /= np.linalg.norm(looks, axis=1, keepdims=True)
+        angles[point] = float(np.arccos(np.clip((looks @ looks.T).min(), -1.0, 1.0)))
+    return angles
+
+
+def _weak_angles(network: Network) -> list[str]:
+    rays = network.ray_counts()
+    weak = [
+        name_of(p)
+        for p, angle in widest_angles(network).items()
+        if angle < _WEAK_ANGLE and rays[p] >= FEWEST_RAYS
+    ]
+    if not weak:
+        return []
+    return [
+        f"Seen from nearly one side only (rays within {np.degrees(_WEAK_ANGLE):.0f} degrees), so"
+        f" that their depth is weak: {_listed(weak)}. Take photographs of them from other sides."
+    ]
+
+
+def _roll(network: Network) -> list[str]:
+    if not one_roll_angle(network):
+        return []
+    return [
+        "All photographs have nearly the same roll angle: the principal point is badly"
+        " determined. Turn the camera by 90 degrees in a part of them."
+    ]
+
+
+def one_roll_angle(network: Network) -> bool:
+    """Tell whether the camera was hardly turned about its axis, against the points' main plane."""
+    centred = network.solution.values["points"] - network.solution.values["points"].mean(axis=0)
+    normal = np.linalg.svd(centred, full_matrices=False)[2][2]
+    up = Rotation.from_rotvec(network.solution.values["photos"][:, :3]).apply(normal)
+    across = np.hypot(up[:, 0], up[:, 1])
+    tilted = across > 0.2  # seen face on, the roll angle is not told by the normal
+    if tilted.sum() < 3 or tilted.sum() < 0.5 * len(up):
+        return False
+    directions = up[tilted, :2] / across[tilted, None]
+    return bool(np.linalg.norm(directions.mean(axis=0)) > 0.97)
+
+
+def _focal(network: Network, nominal_px: float) -> list[str]:
+    ratio = float(network.lens[0]) / nominal_px
+    if abs(ratio - 1.0) < _FOCAL_OFF:
+        return []
+    return [
+        f"The focal length comes out as {ratio:.2f} times what was declared: check the camera's"
+        " focal length and pixel size."
+    ]
+
+
+def _left_out_rays(network: Network) -> list[str]:
+    out = int(np.sum(~network.used))
+    if not out:
+        return []
+    return [f"{out} of {len(network.used)} image points are left out as blunders."]
+
+
+def _listed(names: list[str], most: int = 12) -> str:
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
+
+
+def photo_reasons(count: int, network: Network, known: Mapping[int, str]) -> dict[int, str]:
+    """Return why each photograph that is not part of the network is not, by number."""
+    reasons = dict(known)
+    for number in range(count):
+        if number not in network.photos:
+            reasons.setdefault(number, "too few targets in common with the rest of the network")
+    return reasons

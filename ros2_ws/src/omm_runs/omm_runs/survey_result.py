@@ -1,0 +1,213 @@
+"""What a survey delivers: the JSON of ``survey --json``, and points.json with its covariance."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from omm_core.files.output import write_whole
+from omm_core.files.survey import DeclaredBar, DeclaredDatum, SurveySet
+from omm_core.geometry import euler_xyz_rad_from_rotation
+from omm_core.survey import Network
+from omm_core.survey.camera_model import PARAMETERS
+from omm_core.survey.datum import Frame, frame_of_nominal, frame_of_three, free_frame
+from omm_core.survey.network import FEWEST_RAYS
+from omm_core.survey.sighting import CODED, PLAIN
+from omm_core.survey.words import findings_of, name_of, photo_reasons
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Delivered:
+    """The points that are delivered: numbers, places (n, 3) and covariance (3n, 3n), mm."""
+
+    numbers: tuple[int, ...]
+    frame: Frame
+    xyz_mm: Array
+    covariance_mm2: Array
+    words: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SurveyResult:
+    """A finished survey."""
+
+    given: SurveySet
+    network: Network
+    delivered: Delivered
+    json: dict[str, Any]
+
+
+def delivered(network: Network, datum: DeclaredDatum) -> Delivered:
+    """Return the points with enough rays in the wanted datum.
+
+    Raises
+    ------
+    MeasurementError
+        Where the targets of the datum are not among them.
+    """
+    rays = network.ray_counts()
+    numbers = tuple(n for n in sorted(network.points, key=_order) if rays[n] >= FEWEST_RAYS)
+    rows = np.array([network.points[n] for n in numbers])
+    points = network.solution.values["points"][rows]
+    which = (3 * rows[:, None] + np.arange(3)).ravel()
+    covariance = network.solution.covariance_of("points")[np.ix_(which, which)]
+    frame, words = _frame(points, numbers, datum)
+    return Delivered(
+        numbers=numbers, frame=frame, xyz_mm=frame.moved(points),
+        covariance_mm2=frame.covariance(points, covariance), words=tuple(words),
+    )  # fmt: skip
+
+
+def _order(number: int) -> tuple[bool, int]:
+    return number < 0, abs(number)
+
+
+def _frame(
+    points: Array, numbers: tuple[int, ...], datum: DeclaredDatum
+) -> tuple[Frame, list[str]]:
+    from omm_core.errors import MeasurementError
+
+    at = {n: row for row, n in enumerate(numbers)}
+    if datum.kind == "three_targets":
+        missing = [t for t in datum.targets if t not in at]
+        if missing:
+            raise MeasurementError(
+                f"Expected the datum's targets {datum.targets} among the measured ones; not"
+                f" measured: {', '.join(map(str, missing))}."
+            )
+        a, b, c = (at[t] for t in datum.targets)
+        return frame_of_three(points, (a, b, c)), []
+    if datum.kind == "nominal" and datum.nominal_mm is not None:
+        there = [n for n in datum.nominal_mm if n in at]
+        nominal = np.array([datum.nominal_mm[n] for n in there]).reshape(-1, 3)
+        frame, left = frame_of_nominal(points, [at[n] for n in there], nominal)
+        worst = int(np.argmax(np.linalg.norm(left, axis=1)))
+        return frame, [
+            f"Fitted to {len(there)} nominal targets: rms {np.sqrt(np.mean(left**2)):.4f} mm per"
+            f" axis, at most {np.linalg.norm(left[worst]):.4f} mm at {there[worst]}."
+        ]
+    return free_frame(points), []
+
+
+def as_json(
+    given: SurveySet,
+    network: Network,
+    out: Delivered,
+    left_out: Mapping[int, str],
+    focal_px: float,
+    words: list[str],
+) -> dict[str, Any]:
+    """Return the result in the form of ``survey --json``."""
+    names = [photo.name for photo in given.photos]
+    reasons = photo_reasons(len(names), network, left_out)
+    findings = [*words, *out.words, *findings_of(network, lambda n: names[n], focal_px)]
+    findings += [f"{names[n]} is left out: {why}." for n, why in sorted(reasons.items())]
+    solution = network.solution
+    return {
+        "converged": solution.converged,
+        "sigma0": network.sigma0,
+        "sigma0_by": network.sigma0_by,
+        "rms_px": network.rms_px,
+        "degrees_of_freedom": solution.degrees_of_freedom,
+        "camera": {
+            "parameters": list(PARAMETERS),
+            "values": solution.values["lens"][0].tolist(),
+            "covariance": solution.covariance_of("lens").tolist(),
+        },
+        "points": _points(network, out),
+        "photos": [_photo(n, name, network, out, reasons) for n, name in enumerate(names)],
+        "scale_bars": _measured(network, given.scale_bars, "scale bar", findings),
+        "check_bars": _measured(network, given.check_bars, "check bar", findings),
+        "findings": findings,
+    }
+
+
+def _points(network: Network, out: Delivered) -> list[dict[str, Any]]:
+    rays = network.ray_counts()
+    points = []
+    for i, number in enumerate(out.numbers):
+        own = slice(3 * i, 3 * i + 3)
+        point: dict[str, Any] = {"name": name_of(number), "coded": number > 0}
+        if number > 0:
+            point["id"] = number
+        point["xyz_mm"] = out.xyz_mm[i].tolist()
+        point["covariance_mm2"] = out.covariance_mm2[own, own].tolist()
+        circle = network.circles.get(number)
+        if circle is not None:
+            point["normal"] = (out.frame.turn @ circle.normal).tolist()
+        points.append({**point, "images": rays[number]})
+    return points
+
+
+def _photo(
+    number: int, name: str, network: Network, out: Delivered, reasons: Mapping[int, str]
+) -> dict[str, Any]:
+    if number not in network.photos:
+        return {
+            "file": name, "used": False, "reason": reasons[number], "position_mm": None,
+            "euler_xyz_rad": None,
+        }  # fmt: skip
+    pose = network.pose(number)
+    turned = out.frame.turn @ Rotation.from_rotvec(pose[:3]).as_matrix().T
+    euler = [float(angle) for angle in euler_xyz_rad_from_rotation(turned)]
+    place = out.frame.moved(pose[None, 3:])[0].tolist()
+    return {
+        "file": name, "used": True, "reason": None, "position_mm": place, "euler_xyz_rad": euler,
+    }  # fmt: skip
+
+
+def _measured(
+    network: Network, bars: tuple[DeclaredBar, ...], what: str, findings: list[str]
+) -> list[dict[str, Any]]:
+    entries = []
+    for bar in bars:
+        if not all(end in network.points for end in bar.ends):
+            findings.append(
+                f"The {what} {bar.ends[0]}-{bar.ends[1]} could not be measured: its ends are not"
+                f" both seen in {FEWEST_RAYS} photographs."
+            )
+            continue
+        measured, sigma = network.length(bar.ends)
+        entries.append(
+            {
+                "ends": list(bar.ends), "length_mm": bar.length_mm, "measured_mm": measured,
+                "sigma_mm": sigma,
+            }
+        )  # fmt: skip
+    return entries
+
+
+def write_points(path: Path, result: SurveyResult) -> None:
+    """Write points.json, and the full covariance of its points (mm²) beside it.
+
+    Raises
+    ------
+    InputError
+        Where a file cannot be written.
+    """
+    buffer = io.BytesIO()
+    np.save(buffer, result.delivered.covariance_mm2)
+    beside = path.with_name(f"{path.stem}_covariance.npy")
+    write_whole(beside, buffer.getvalue())
+    diameters = result.network.diameters_mm
+    content = {
+        "target_family": result.given.target_family,
+        "coded_dot_diameter_mm": diameters.get(CODED),
+        "plain_dot_diameter_mm": diameters.get(PLAIN),
+        "points": result.json["points"],
+        "full_covariance": {
+            "file": beside.name,
+            "order": [point["name"] for point in result.json["points"]],
+        },
+    }
+    write_whole(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
