@@ -230,8 +230,6 @@ def options_of(cell: CoverageCell, drawn: Drawn) -> SolveOptions:
     """Return what the solver is told of a cell's machine."""
     if not cell.declared:
         return SolveOptions()
-    if "stop_sigma_mm" not in SolveOptions.__dataclass_fields__:
-        return SolveOptions(stop_sigma_mm=cell.stop_um / 1e3)
     return SolveOptions(
         stop_sigma_mm=cell.stop_um / 1e3,
         geometry_sigma_mm=cell.geometry_um / 1e3,
@@ -241,9 +239,6 @@ def options_of(cell: CoverageCell, drawn: Drawn) -> SolveOptions:
 
 def statements(solution: Solution) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
     """Return (θ, U) in the machine's own coordinates, and absolute."""
-    if not hasattr(solution, "own"):  # one statement, no U of its own
-        U = 2.0 * np.sqrt(np.diag(solution.covariance))
-        return (solution.theta, U), (solution.theta, U)
     return tuple((s.theta, s.expanded_uncertainty) for s in (solution.own, solution.absolute))
 
 

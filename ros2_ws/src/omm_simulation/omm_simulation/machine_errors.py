@@ -131,9 +131,16 @@ def draw_true_calibration(
     random: np.random.Generator,
     clamping: np.random.Generator,
 ) -> CameraCalibration:
-    """Return the camera as it is, in a holder that has seated a little off."""
-    true = draw_calibration(random, calibration) if declared.calibration_errs else calibration
-    seat_mm = clamping.normal(0.0, 1.0, 3) * np.array(declared.holder_sigma_mm)
+    """Return the camera as it is, in a holder that has seated a little off.
+
+    The covariance that a file declares is of the camera as clamped: the seat is in it, and what is
+    left of it is the calibration's.
+    """
+    sigma_mm = np.array(declared.holder_sigma_mm)
+    true = calibration
+    if declared.calibration_errs:
+        true = draw_calibration(random, _without_seat(calibration, sigma_mm))
+    seat_mm = clamping.normal(0.0, 1.0, 3) * sigma_mm
     if not seat_mm.any():
         return true
     pose = true.taper_T_camera
@@ -143,3 +150,12 @@ def draw_true_calibration(
             rotation=pose.rotation, translation_mm=pose.translation_mm + seat_mm
         ),
     )
+
+
+def _without_seat(calibration: CameraCalibration, sigma_mm: Floats) -> CameraCalibration:
+    covariance = calibration.covariance.copy()
+    for name, sigma in zip(("x_mm", "y_mm", "z_mm"), sigma_mm):
+        if name in calibration.parameters:
+            k = calibration.parameters.index(name)
+            covariance[k, k] -= min(sigma**2, covariance[k, k])
+    return replace(calibration, covariance=covariance)

@@ -98,6 +98,19 @@ def test_a_machine_errs_the_same_in_every_clamping():
     np.testing.assert_array_equal([seat[2] for seat in seats], 0.0)
 
 
+@pytest.mark.parametrize("name", scenario_names())
+def test_cameras_as_clamped_err_by_what_their_file_declares(name):
+    """Calibration (by the cell's seed) and seat (by the clamping's) together."""
+    scenario = load_scenario(name)
+    told, names = scenario.calibration, scenario.calibration.parameters
+    drawn = np.array(
+        [draw(scenario, seed).true_calibration.parameter_values(names) for seed in range(400)]
+    ).reshape(400, -1)
+    errors = drawn - told.parameter_values(names)
+    sigma = np.sqrt(np.diag(told.covariance))
+    np.testing.assert_allclose(errors.std(axis=0), sigma, rtol=4.5 / (2 * 400) ** 0.5)
+
+
 def test_a_warm_part_is_larger():
     cell = draw(erring(part_warmth_K=2.0), 3)
     told, true = ([t.xyz_mm for t in p.targets] for p in (cell.scenario.part, cell.true_part))
@@ -136,7 +149,8 @@ def test_clamping_is_uniform_over_the_backlash():
 
 
 def test_the_estimator_is_given_the_part_and_the_camera_and_nothing_else(tmp_path):
-    cell = draw(load_scenario("industrial"), 5, bumped_id=40)
+    scenario = dataclasses.replace(load_scenario("industrial"), errors=MachineErrors())
+    cell = draw(scenario, 5, bumped_id=40)
     part_file, calibration_file = write_estimator_files(cell, tmp_path / "run")
     assert sorted(p.name for p in (tmp_path / "run").iterdir()) == ["camera.yaml", "part.yaml"]
     assert load_calibration(calibration_file).lens == cell.scenario.calibration.lens

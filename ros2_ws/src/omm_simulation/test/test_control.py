@@ -15,6 +15,11 @@ MS = 1_000_000
 AXES = "XYZ"
 
 
+def exact(name):
+    """A scenario on a machine without errors."""
+    return dataclasses.replace(load_scenario(name), errors=MachineErrors())
+
+
 def run_through(control, *, answer_after_ms=50, step_ms=10, until_ms=200_000):
     """States (and true positions) of a whole program; every image is acknowledged in time."""
     states, true_mm, asked_ns = [], [], None
@@ -34,7 +39,7 @@ def run_through(control, *, answer_after_ms=50, step_ms=10, until_ms=200_000):
 
 @pytest.fixture(scope="module", params=["bench", "industrial"])
 def cell(request):
-    return draw(load_scenario(request.param), 7)
+    return draw(exact(request.param), 7)
 
 
 @pytest.fixture(scope="module")
