@@ -11,7 +11,7 @@ from mcap.records import MetadataIndex as TableIndex
 
 from omm_core.errors import InputError
 from omm_recording import container
-from omm_recording.container import MAGIC, PREFIX, CutShort, Damaged, Record
+from omm_recording.container import MAGIC, PREFIX, UNREADABLE, CutShort, Record
 from omm_recording.mcap_file import McapFile
 from omm_recording.mcap_writer import Link
 from omm_recording.seal import CHAIN, SEAL, parsed_chain, signature_holds
@@ -127,7 +127,7 @@ def _check_rest(file: IO[bytes], links: list[Link], size: int, verdict: Verdict)
     chained = links[-1].offset + links[-1].length if links else 0
     try:
         contents, end, after = _contents(file, size, chained)
-    except (CutShort, Damaged) as error:
+    except UNREADABLE as error:
         verdict.blame(f"the file's records are not readable: {error}")
         return
     if after != [Opcode.ATTACHMENT, Opcode.METADATA]:

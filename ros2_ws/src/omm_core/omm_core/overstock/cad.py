@@ -123,10 +123,12 @@ def _from_mesh(path: Path) -> tuple[Face, ...]:
 
     try:
         mesh: Any = trimesh.load(path, force="mesh")
-    except (ValueError, OSError, IndexError) as error:
-        raise InputError(f"{path} cannot be read as triangles: {error}.") from None
+    except (Exception, MemoryError) as error:  # the library's errors have no common base
+        raise InputError(f"{path} cannot be read as triangles: {str(error)[:300]}.") from None
     if len(mesh.faces) == 0:
         raise InputError(f"{path}: expected triangles, got none.")
+    if not np.isfinite(mesh.vertices).all():
+        raise InputError(f"{path}: expected finite coordinates of all corners.")
     mesh.merge_vertices()
     smooth = mesh.face_adjacency[mesh.face_adjacency_angles < SMOOTH_RAD]
     parts = trimesh.graph.connected_components(smooth, nodes=np.arange(len(mesh.faces)))
