@@ -58,7 +58,8 @@ def verdict_lines(budget: Budget) -> list[str]:
             ),
         ]
     agrees = budget.sampled.agrees.all()
-    off = np.abs(budget.sampled.half_width_mm / np.where(_twice(budget) > 0, _twice(budget), 1) - 1)
+    twice = 2.0 * budget.combined.standard_uncertainty_mm
+    off = np.abs(budget.sampled.half_width_mm - twice) / np.where(twice > 0.0, twice, 1.0)
     lines.append(
         f"Monte Carlo ({budget.sampled.trials} trials) "
         + ("agrees with the GUM" if agrees else "does not agree with the GUM")
@@ -66,10 +67,6 @@ def verdict_lines(budget: Budget) -> list[str]:
         + ("" if agrees else ": use Monte Carlo's U")
     )
     return lines
-
-
-def _twice(budget: Budget) -> Array:
-    return 2.0 * budget.combined.standard_uncertainty_mm
 
 
 def _point_lines(budget: Budget) -> list[str]:

@@ -82,7 +82,8 @@ def load_sources(path: Path) -> BudgetSources:
     if run is not None:
         alpha, beta, gamma, *shift = run.result.solution.theta[:6].tolist()
         placed = RigidTransform.from_euler_xyz_rad(alpha, beta, gamma, shift)
-        findings += [f"run: {words}" for words in run.result.findings]
+        said = (*run.result.findings, *run.result.solution.remarks)
+        findings += [f"run: {words.rstrip('.')}" for words in said]
     elif campaign is not None:
         alpha, beta, gamma, *shift = mean_theta(campaign.measured)[:6].tolist()
         placed = RigidTransform.from_euler_xyz_rad(alpha, beta, gamma, shift)
@@ -117,13 +118,14 @@ def budget_at(sources: BudgetSources, points: Sequence[NamedPoint]) -> Budget:
     """Evaluate a budget at points of the part."""
     file = sources.file
     contributions, findings = contributions_at(sources, points)
+    correlation, told = _correlation(file, contributions)
     return evaluate(
         points,
         contributions,
-        correlation=_correlation(file),
+        correlation=correlation,
         coverage=_coverage(file),
         tolerance_mm=file.tolerance_mm,
-        findings=(*sources.findings, *findings),
+        findings=(*sources.findings, *findings, *told),
     )
 
 
@@ -132,15 +134,27 @@ def map_of(sources: BudgetSources, steps: int = 9) -> BoxMap:
     axes, grid = grid_of(sources.part.box(), steps)
     points = [NamedPoint(name="", xyz_mm=xyz) for xyz in grid.reshape(-1, 3)]
     contributions, _ = contributions_at(sources, points)
-    combined = combine(contributions, _correlation(sources.file))
+    combined = combine(contributions, _correlation(sources.file, contributions)[0])
     expanded = _coverage(sources.file).factors(combined) * combined.standard_uncertainty_mm
     return BoxMap(axes_mm=axes, expanded_mm=expanded.reshape(grid.shape))
 
 
-def _correlation(file: BudgetFile) -> dict[tuple[str, str], float]:
-    return {
-        (one.name, other): r for one in file.contributors for other, r in one.correlation.items()
-    }
+def _correlation(
+    file: BudgetFile, contributions: Sequence[Contribution]
+) -> tuple[dict[tuple[str, str], float], tuple[str, ...]]:
+    """Return the correlations of contributors that are there, and words on the others."""
+    names = {one.name for one in contributions}
+    counted, findings = {}, []
+    for one in file.contributors:
+        for other, r in one.correlation.items():
+            if other in names:
+                counted[one.name, other] = r
+            else:
+                findings.append(
+                    f"{one.name} is correlated with {other}, of which there is no contributor:"
+                    " that is not counted"
+                )
+    return counted, tuple(findings)
 
 
 def _coverage(file: BudgetFile) -> Coverage:

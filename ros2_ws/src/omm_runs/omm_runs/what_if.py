@@ -48,6 +48,8 @@ def _gain(budget: Budget, changed: Sequence[Contribution]) -> float:
     combined = combine(changed, budget.correlation)
     expanded = budget.coverage.factors(combined) * combined.standard_uncertainty_mm
     at = budget.worst
+    if budget.expanded_mm[at] == 0.0:
+        return 0.0
     return float(1.0 - expanded[at] / budget.expanded_mm[at])
 
 

@@ -117,6 +117,21 @@ coverage_probability: 0.95
     assert sum(result.shares().values()) == pytest.approx(1.0)
 
 
+def test_a_contributor_may_go_with_u_it_and_what_is_not_there_is_told(budget) -> None:  # type: ignore[no-untyped-def]
+    text = """
+part: part.yaml
+points: [{name: P, xyz_mm: [1000, 0, 0]}]
+u_it: {expansion_per_K: 11.0e-6, temperature_K: {half_width: 1, distribution: uniform}}
+contributors:
+  - {name: a, standard_uncertainty: 0.01, sensitivity: [1, 0, 0], correlation: {u_it: 0.5, b: 0.3}}
+"""
+    result = budget(text)
+    u_it = 0.011 / math.sqrt(3)
+    expected = math.sqrt(u_it**2 + 0.01**2 + 2 * 0.5 * u_it * 0.01)
+    assert result.combined.standard_uncertainty_mm[0, 0] == pytest.approx(expected)
+    assert any("b, of which there is no contributor" in words for words in result.findings)
+
+
 def test_the_part_expands_along_its_own_axes_however_it_lies(budget) -> None:  # type: ignore[no-untyped-def]
     turned = (
         PART + "nominal: {translation_mm: [0, 0, 0], euler_xyz_rad: [1.5707963267948966, 0, 0]}"
@@ -158,7 +173,8 @@ u_out: {points: survey.json}
         (BENCH + "coverage_factor: 2\ncoverage_probability: 0.95", "got both"),
         (BENCH + "contributors: [{name: a, distribution: odd, half_width: 1}]", "distribution"),
         (BENCH + "contributors: [{name: a, unit: K, sigma: 1}]", "sensitivity"),
-        (BENCH + "contributors: [{name: a, sigma: 1, correlation: {b: 0.1}}]", "correlation"),
+        (BENCH + "contributors: [{name: a, sigma: 1, correlation: {b: 1.1}}]", "correlation"),
+        (BENCH + "contributors: [{name: a, sigma: 1, correlation: {a: 0.1}}]", "correlation"),
         (BENCH + "contributors: [{name: u_ip, sigma: 1}]", "taken"),
         (BENCH.replace("[0.0201", "[-0.0201"), ">= 0"),
         (BENCH.replace("points: box", "points: [{name: a, xyz_mm: [0, 0]}]"), "3 numbers"),

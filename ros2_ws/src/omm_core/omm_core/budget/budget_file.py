@@ -80,7 +80,10 @@ class OutOfMachine:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Contributor:
-    """Anything else: ``sensitivity`` (3,) makes mm of it along machine X Y Z."""
+    """Anything else: ``sensitivity`` (3,) makes mm of it along machine X Y Z.
+
+    ``correlation`` is by name with other contributors, or with u_ip, u_it, u_out, u_machine.
+    """
 
     name: str
     unit: str
@@ -263,12 +266,13 @@ def _contributors(root: YamlSection) -> tuple[Contributor, ...]:
     _once(names, f"{root.where}: contributors")
     for one in found:
         for other, r in one.correlation.items():
-            if other not in names or other == one.name or not -1.0 <= r <= 1.0:
+            if other == one.name or not -1.0 <= r <= 1.0:
                 raise InputError(
                     f"{root.where}: expected the correlation of {one.name} as a number from -1 to 1"
-                    f" with another contributor ({', '.join(names)}), got {other}: {r}."
+                    f" with another contributor, got {other}: {r}."
                 )
-            if found[names.index(other)].correlation.get(one.name, r) != r:
+            back = found[names.index(other)].correlation if other in names else {}
+            if back.get(one.name, r) != r:
                 raise InputError(
                     f"{root.where}: {one.name} and {other} tell different correlations of the two."
                 )
