@@ -52,7 +52,7 @@ def test_a_run_gives_the_truth_within_its_covariance(
     estimate = bench.play(messages, images=8)
     assert estimate.determined
     assert estimate.converged
-    truth = np.array(list(cell.theta().values())) / [1, 1, 1, 1000, 1000, 1000, 1]
+    truth = np.array(list(cell.theta_own().values())) / [1, 1, 1, 1000, 1000, 1000, 1]
     sigma = np.sqrt(np.diag(np.array(estimate.covariance).reshape(7, 7)))
     assert np.all(np.abs(np.array(estimate.theta) - truth) < 4.5 * sigma)
     assert {t.id: t.images for t in estimate.targets} == {42: 2, 40: 2, 8: 2, 122: 2}
