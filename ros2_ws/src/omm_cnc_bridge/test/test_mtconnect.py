@@ -1,14 +1,17 @@
 """The MTConnect adapter against an agent over HTTP, fault cases included."""
 
+import contextlib
 import math
 import threading
 import time
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import numpy as np
 import pytest
 from mtconnect_agent import GOOD, Agent
 
 from omm_cnc_bridge.control import Mode, ProgramState
+from omm_cnc_bridge.controls.mtconnect import control as mtconnect_control
 from omm_cnc_bridge.controls.mtconnect.control import MtConnectControl
 from omm_cnc_bridge.controls.mtconnect.model import read_device, read_document, stamp_ns
 from omm_core.errors import DeviceError, InputError
@@ -176,3 +179,90 @@ def test_work_coordinates_alone_are_refused():
     text += b"</Device></Devices></MTConnectDevices>"
     with pytest.raises(InputError, match="machine coordinates"):
         read_device(text, "")
+
+
+def sample_text(header: str = "", value: str = "1.5", stamp: str = "2026-01-01T00:00:00Z") -> bytes:
+    head = header or 'instanceId="1" firstSequence="1" lastSequence="9" nextSequence="10"'
+    return (
+        f"<MTConnectStreams><Header {head}/><Streams>"
+        f'<Position dataItemId="xa" sequence="7" timestamp="{stamp}">{value}</Position>'
+        "</Streams></MTConnectStreams>"
+    ).encode()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        sample_text('instanceId="1" firstSequence="1" lastSequence="9" nextSequence="99999"'),
+        sample_text(f'instanceId="1" firstSequence="{"9" * 5000}" nextSequence="10"'),
+        sample_text('instanceId="1" firstSequence="1" nextSequence="²"'),
+        sample_text(stamp="2026-13-01T00:00:00Z"),
+        sample_text(stamp=f"{'9' * 5000}-01-01T00:00:00Z"),
+        sample_text(stamp="٢٠٢٦-01-01T00:00:00Z"),
+        b'<?xml version="1.0" encoding="utf-7"?>' + sample_text(),
+        b'<?xml version="1.0" encoding="no-such"?>' + sample_text(),
+        b"",
+        b"\x00" * 100,
+    ],
+)
+def test_a_document_that_is_none_is_refused_in_words(text: bytes) -> None:
+    with pytest.raises(DeviceError, match="MTConnect"):
+        read_document(text)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "1,5", "nan", "inf", "1e999", "1e300", "9" * 5000, "0x10", "a"]
+)
+def test_a_position_that_is_no_number_is_told_by_its_axis(
+    control: MtConnectControl, agent: Agent, text: str
+) -> None:
+    agent.tell(xa=text)
+    (*_, sample) = read(control, 10.0, lambda s: "X" in s.unusable)
+    assert "X" not in sample.positions
+    assert "no number" in sample.unusable["X"]
+    agent.tell(xa=12.5, line="²")
+    (*_, sample) = read(control, 10.0, lambda s: "X" in s.positions)
+    assert sample.positions["X"] == 12.5
+    assert sample.program_line == -1
+
+
+class Endless(BaseHTTPRequestHandler):
+    """Answers without an end, or one byte at a time."""
+
+    piece = b"<a>" * 20_000
+
+    def do_GET(self) -> None:
+        self.send_response(200)
+        self.send_header("Content-Type", "text/xml")
+        self.end_headers()
+        with contextlib.suppress(OSError):
+            while True:
+                self.wfile.write(self.piece)
+                if len(self.piece) == 1:
+                    time.sleep(0.01)
+
+    def log_message(self, *_: object) -> None:
+        """Say nothing."""
+
+
+@pytest.mark.parametrize("piece", [b"<a>" * 20_000, b"<"])
+def test_an_answer_without_an_end_is_given_up(
+    piece: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Endless, "piece", piece)
+    monkeypatch.setattr(mtconnect_control, "ANSWER_S", 1.0)
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Endless)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    try:
+        control = MtConnectControl(f"http://127.0.0.1:{server.server_port}", rate_hz=100)
+        with pytest.raises(DeviceError, match="no end"):
+            control.connect()
+    finally:
+        server.shutdown()
+        server.server_close()
+
+
+def test_a_part_that_says_it_is_endless_is_not_waited_for() -> None:
+    for length in (b"9" * 5000, b"99999999999", b"-1"):
+        with pytest.raises(DeviceError, match="part"):
+            mtconnect_control._content_length(b"--x\r\nContent-Length: " + length)

@@ -34,6 +34,10 @@ ATTEMPTS = (
     5  # an agent with a small buffer may have dropped what we ask for by the time it hears it
 )
 SILENCE_S = 5.0
+ANSWER_S = 20.0
+LARGEST_ANSWER = 32 << 20
+FARTHEST = 1e7
+"""No axis is farther from its zero (mm, rad): ten kilometres."""
 UNAVAILABLE = "UNAVAILABLE"
 _MODES = {
     "AUTOMATIC": Mode.AUTOMATIC,
@@ -116,7 +120,7 @@ class MtConnectControl:
     def _get(self, path: str) -> bytes:
         connection, response = self._open(path)
         with contextlib.closing(connection), response:
-            return response.read()
+            return _whole(response)
 
     def _resynchronise(self, attempts: int) -> None:
         """Take the present values, then everything that comes after them."""
@@ -183,7 +187,7 @@ class MtConnectControl:
             mode=_MODES.get(self._event("mode"), Mode.UNKNOWN),
             program_state=_PROGRAM_STATES.get(self._event("execution"), ProgramState.UNKNOWN),
             program=self._event("program"),
-            program_line=int(line) if (line := self._event("line")).isdigit() else -1,
+            program_line=_line(self._event("line")),
         )
 
     def _texts_of(self, role: str) -> list[tuple[Item, str]]:
@@ -198,11 +202,12 @@ class MtConnectControl:
         values: dict[str, float] = {}
         unusable = dict(self._described.unusable)
         for item, text in self._texts_of(role):
-            value = _number(text)
+            value = _number(text, item.scale)
             if value is None:
-                unusable[item.axis] = text if text == UNAVAILABLE else f"{text!r} is no number"
+                told = text if text == UNAVAILABLE else f"{text[:80]!r} is no number"
+                unusable[item.axis] = told
             else:
-                values[item.axis] = value * item.scale
+                values[item.axis] = value
         return values, unusable
 
     def _path(self, unusable: dict[str, str]) -> dict[str, float]:
@@ -210,12 +215,11 @@ class MtConnectControl:
         for item, text in self._texts_of("path"):
             if text == UNAVAILABLE:
                 continue
-            values = [_number(word) for word in text.split()]
+            values = [_number(word, item.scale) for word in text.split()[:4]]
             if len(values) != 3 or None in values:
-                unusable["tool point"] = f"{text!r} is not three numbers"
+                unusable["tool point"] = f"{text[:80]!r} is not three numbers"
                 return {}
-            scaled = (value * item.scale for value in values if value is not None)
-            return dict(zip("XYZ", scaled))
+            return {axis: v for axis, v in zip("XYZ", values) if v is not None}
         return {}
 
     def _event(self, role: str) -> str:
@@ -271,6 +275,8 @@ class MultipartReader:
             while data := self._response.read1(1 << 16):
                 received_ns = time.monotonic_ns()
                 self._data += data
+                if len(self._data) > 2 * LARGEST_ANSWER:
+                    raise DeviceError("MTConnect: the stream has no parts. Is that an agent?")
                 for part in self._whole_parts():
                     self._parts.put((received_ns, part))
             self._parts.put(DeviceError("MTConnect: the agent ended the stream."))
@@ -307,13 +313,32 @@ def _refusal(kind: str, body: bytes) -> str:
     return f"MTConnect: expected a multipart stream, got {kind}."
 
 
-def _number(text: str) -> float | None:
-    """A finite number; None where the text is none (an agent passes on what an adapter sends)."""
+def _whole(response: http.client.HTTPResponse) -> bytes:
+    """All of an answer, which ends: in bytes, and in time also where it comes drop by drop."""
+    data = bytearray()
+    until_s = time.monotonic() + ANSWER_S
+    while piece := response.read1(1 << 16):
+        data += piece
+        if len(data) > LARGEST_ANSWER or time.monotonic() > until_s:
+            raise DeviceError(
+                f"MTConnect: the agent's answer has no end ({len(data)} bytes in {ANSWER_S:g} s at"
+                " most). Is that an agent?"
+            )
+    return bytes(data)
+
+
+def _number(text: str, scale: float) -> float | None:
+    """A position; None where the text is none (an agent passes on what an adapter sends)."""
     try:
-        value = float(text)
+        value = float(text) * scale
     except ValueError:
         return None
-    return value if math.isfinite(value) else None
+    return value if abs(value) < FARTHEST else None
+
+
+def _line(text: str) -> int:
+    """A program's line; -1 where the text is none."""
+    return int(text) if text.isascii() and text.isdecimal() and len(text) < 10 else -1
 
 
 def _content_length(head: bytes) -> int:
@@ -322,5 +347,7 @@ def _content_length(head: bytes) -> int:
         if name.strip().lower() == b"content-length":
             if not value.strip().isdigit():
                 break
-            return int(value)
+            if len(value.strip()) < 10 and int(value) <= LARGEST_ANSWER:
+                return int(value)
+            raise DeviceError("MTConnect: a part of the stream is larger than any is.")
     raise DeviceError("MTConnect: expected the length of a part, its head has none.")

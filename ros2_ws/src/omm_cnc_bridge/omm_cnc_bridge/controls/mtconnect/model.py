@@ -31,7 +31,7 @@ _EVENTS = {
     "LINE_NUMBER": "line",
     "AVAILABILITY": "availability",
 }
-_STAMP = re.compile(r"(\d+)-(\d+)-(\d+)T(\d+):(\d+):(\d+)(?:\.(\d+))?Z?")
+_STAMP = re.compile(r"(\d{4})-(\d\d?)-(\d\d?)T(\d\d?):(\d\d?):(\d\d?)(?:\.(\d+))?Z?", re.ASCII)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,10 +135,16 @@ def read_document(text: bytes) -> Document:
         for element in root.iter()
         if element.get("dataItemId") and element.get("sequence")
     ]
+    following, last = _count(header, "nextSequence"), _count(header, "lastSequence")
+    if header.get("lastSequence") and following > last + 1:
+        # Believed, it would have all that comes until then passed over as known.
+        raise DeviceError(
+            f"MTConnect: expected the next sequence behind the last one ({last}), got {following}."
+        )
     return Document(
         instance_id=header.get("instanceId", ""),
         first_sequence=_count(header, "firstSequence"),
-        next_sequence=_count(header, "nextSequence"),
+        next_sequence=following,
         buffer_size=_count(header, "bufferSize"),
         observations=tuple(sorted(observed, key=lambda o: o.sequence)),
     )
@@ -148,9 +154,12 @@ def stamp_ns(text: str) -> int:
     """Nanoseconds since the epoch of a timestamp with any number of decimals."""
     match = _STAMP.match(text)
     if match is None:
-        raise DeviceError(f"MTConnect: expected a timestamp, got {text!r}.")
+        raise DeviceError(f"MTConnect: expected a timestamp, got {text[:80]!r}.")
     *whole, fraction = match.groups()
-    seconds = calendar.timegm(tuple(int(word) for word in whole))
+    try:
+        seconds = calendar.timegm(tuple(int(word) for word in whole))
+    except (ValueError, OverflowError):
+        raise DeviceError(f"MTConnect: expected a timestamp, got {text[:80]!r}.") from None
     return seconds * 1_000_000_000 + int((fraction or "0").ljust(9, "0")[:9])
 
 
@@ -166,13 +175,14 @@ def _words_of(root: ET.Element) -> str:
 
 def _count(element: ET.Element, name: str) -> int:
     text = element.get(name, "0")
-    if not text.isdecimal():
-        raise DeviceError(f"MTConnect: expected a number as {name}, got {text!r}.")
+    if not (text.isascii() and text.isdecimal() and len(text) < 20):
+        raise DeviceError(f"MTConnect: expected a number as {name}, got {text[:80]!r}.")
     return int(text)
 
 
 def _parse(text: bytes) -> ET.Element:
     try:
         return ET.fromstring(text)
-    except ET.ParseError as error:
+    # The last two: an encoding that Python does not know.
+    except (ET.ParseError, ValueError, LookupError) as error:
         raise DeviceError(f"MTConnect: the agent sent no XML: {error}.") from error
