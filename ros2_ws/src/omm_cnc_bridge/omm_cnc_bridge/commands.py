@@ -1,6 +1,6 @@
-"""What the node may be asked to have the control do: start its program, carry out a block (MDI).
+"""What the node may be asked to have the control do: its program, a block (MDI), a work offset.
 
-A control that is real does neither unless ``allow_commands`` is set.
+A control that is real does none of it unless ``allow_commands`` is set.
 """
 
 from __future__ import annotations
@@ -8,37 +8,48 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from omm_interfaces.srv import Mdi
+import numpy as np
+from omm_interfaces.srv import Mdi, WorkOffset
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from omm_cnc_bridge.control import Control, StartsPrograms, TakesBlocks
+from omm_cnc_bridge import control as controls
+from omm_cnc_bridge.control import Control, HasOffsets, StartsPrograms, TakesBlocks
 from omm_cnc_bridge.parameters import Parameters
 from omm_core.errors import DeviceError
+from omm_ros.conversions import MM_PER_M
 
 CONNECT_PATIENCE_S = 15.0  # for a control that is just being started
 
 
 class Commands:
-    """The services ``~/start_program`` and ``~/mdi``.
+    """The services ``~/start_program``, ``~/mdi`` and ``~/work_offset``.
 
     Parameters
     ----------
     trouble : callable
         Why the control is not connected; empty where it is.
+    unrest : callable
+        Why the machine is not at rest without a program; empty where it is.
     """
 
     def __init__(
-        self, node: Node, control: Control, p: Parameters, trouble: Callable[[], str]
+        self,
+        node: Node,
+        control: Control,
+        p: Parameters,
+        trouble: Callable[[], str],
+        unrest: Callable[[], str],
     ) -> None:
-        self._control, self._p, self._trouble = control, p, trouble
+        self._control, self._p, self._trouble, self._unrest = control, p, trouble, unrest
         self._context = node.context
         self.started = False
         """Whether the program was started."""
         # Both wait for the control: one at a time, so that a thread is left for everything else.
         group = MutuallyExclusiveCallbackGroup()
         node.create_service(Mdi, "~/mdi", self._on_mdi, callback_group=group)
+        node.create_service(WorkOffset, "~/work_offset", self._on_work_offset, callback_group=group)
         if isinstance(control, StartsPrograms):
             node.create_service(
                 Trigger, "~/start_program", self._on_start_program, callback_group=group
@@ -96,6 +107,44 @@ class Commands:
             return False, str(error)
         return True, "done"
 
+    def work_offset(self, name: str) -> controls.WorkOffset:
+        """Return a work offset. Raises DeviceError where the control does not tell it."""
+        if not isinstance(self._control, HasOffsets):
+            raise DeviceError(f"control {self._p.control} does not tell its offsets")
+        if trouble := self._trouble():
+            raise DeviceError(f"{self._p.control} is not connected: {trouble}")
+        return self._control.work_offset(name)
+
+    def set_work_offset(self, offset: controls.WorkOffset) -> controls.WorkOffset:
+        """Write a work offset and return what was read back. Raises DeviceError with why not."""
+        if not isinstance(self._control, HasOffsets):
+            raise DeviceError(f"control {self._p.control} takes no offsets")
+        if not (self.is_simulated or self._p.allow_commands):
+            raise DeviceError("allow_commands is false: the bridge only reads; start it with true")
+        if why := self._trouble():
+            raise DeviceError(f"{self._p.control} is not connected: {why}")
+        if why := self._unrest():
+            raise DeviceError(f"the machine is not at rest: {why}")
+        return self._control.set_work_offset(offset, self._p.mdi_timeout_s)
+
+    def _on_work_offset(
+        self, request: WorkOffset.Request, response: WorkOffset.Response
+    ) -> WorkOffset.Response:
+        try:
+            read = (
+                self.set_work_offset(_offset(request))
+                if request.write
+                else self.work_offset(request.name)
+            )
+        except DeviceError as error:
+            response.success, response.message = False, str(error)
+            response.position = response.euler_xyz = np.full(3, np.nan)
+            return response
+        response.success = True
+        response.position = np.asarray(read.xyz_mm) / MM_PER_M
+        response.euler_xyz = np.asarray(read.euler_xyz_rad)
+        return response
+
     def _on_start_program(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         deadline_s = time.monotonic() + CONNECT_PATIENCE_S
         while self._trouble() and time.monotonic() < deadline_s and self._context.ok():
@@ -106,3 +155,9 @@ class Commands:
     def _on_mdi(self, request: Mdi.Request, response: Mdi.Response) -> Mdi.Response:
         response.success, response.message = self.mdi(request.command)
         return response
+
+
+def _offset(request: WorkOffset.Request) -> controls.WorkOffset:
+    x, y, z = (float(value) * MM_PER_M for value in request.position)
+    a, b, c = (float(angle) for angle in request.euler_xyz)
+    return controls.WorkOffset(name=request.name, xyz_mm=(x, y, z), euler_xyz_rad=(a, b, c))

@@ -143,6 +143,32 @@ class TakesCorrections(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True)
+class WorkOffset:
+    """A work offset: machine_T_part as the control has it.
+
+    Angles are about fixed x, y, z: ``R = Rz(γ) Ry(β) Rx(α)``.
+    """
+
+    name: str
+    xyz_mm: tuple[float, float, float]
+    euler_xyz_rad: tuple[float, float, float]
+
+
+@runtime_checkable
+class HasOffsets(Protocol):
+    """A control of which work offsets can be read and written. Any thread may call this."""
+
+    def work_offset(self, name: str) -> WorkOffset:
+        """Return an offset as the control has it. Raises DeviceError where it does not tell."""
+
+    def set_work_offset(self, offset: WorkOffset, timeout_s: float) -> WorkOffset:
+        """Write an offset, read it back and return what was read.
+
+        Raises DeviceError where the control has no such offset, cannot say the numbers, or refuses.
+        """
+
+
+@dataclass(frozen=True, kw_only=True)
 class TruePose:
     """Where the spindle of a simulated machine truly was."""
 

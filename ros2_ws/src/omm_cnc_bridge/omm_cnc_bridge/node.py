@@ -85,7 +85,7 @@ class CncBridgeNode(Node):
             self.create_subscription(
                 TargetObservations, "/omm/observations", self._on_observations, qos.OBSERVATIONS
             )
-        self._commands = Commands(self, self._control, p, self._trouble)
+        self._commands = Commands(self, self._control, p, self._trouble, self._unrest)
         self.create_timer(1.0 / p.state_rate_hz, self._on_timer)
         diagnostics = Diagnostics(self, hardware_id=p.control)
         diagnostics.add("connection", self._connection_health)
@@ -299,6 +299,15 @@ class CncBridgeNode(Node):
     def _trouble(self) -> str:
         """Why the control is not connected; empty where it is."""
         return "" if self._connection is Connection.CONNECTED else self._detail
+
+    def _unrest(self) -> str:
+        """Why the machine is not at rest without a program; empty where it is."""
+        judged = self._judged
+        if judged is None:
+            return "no sample yet"
+        state = judged.sample.program_state
+        busy = (ProgramState.RUNNING, ProgramState.WAITING, ProgramState.INTERRUPTED)
+        return f"program {state.name.lower()}" if state in busy else judged.moving_reason
 
     # --- diagnostics ---------------------------------------------------------------------------
 

@@ -3,6 +3,7 @@ import { clock, fixed, t, tell } from "/file/language.js";
 import { hold, press } from "/file/parts.js";
 import { link } from "/file/connection.js";
 
+const OTHER = { opcua: "OPC UA" };
 const CONTROLS = { linuxcnc: "LinuxCNC", siemens: "Siemens", heidenhain: "Heidenhain", fanuc: "Fanuc", fagor: "Fagor" };
 const AXES = ["X", "Y", "Z", "A", "B", "C"];
 
@@ -11,7 +12,7 @@ export function hand(state) {
   const holds = state.result.holds;
   return [
     h("section", { class: "wide" },
-      h("h2", {}, t("hand.to", { control: CONTROLS[d.control] || d.control, offset: d.offset })),
+      h("h2", {}, t("hand.to", { control: CONTROLS[d.control] || OTHER[d.control], offset: d.offset })),
       d.why ? h("p", { class: "bad", role: "alert", id: "hand-why" }, tell(d.why)) : null,
       offsets(d),
       h("ul", { class: "conditions", id: "conditions" }, d.conditions.map((one) => h("li", { class: one.holds && !link.lost ? "good" : "bad", id: `condition-${one.name}` },

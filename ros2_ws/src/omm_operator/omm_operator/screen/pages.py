@@ -164,7 +164,10 @@ def hand_words(kept: Kept, options: HandingOptions) -> HandWords:
     offset, estimate = options.offset_of(words), kept.estimate
     if estimate is None or not estimate.holds:
         return HandWords(control=words, offset=offset, handover=None, wanted=None, why="")
-    handover, why = handover_or_why(estimate, kept.part, words, options)
+    if live == "opcua" and not options.control:  # numbers into nodes; whose words is not known
+        words, handover, why = live, None, ""
+    else:
+        handover, why = handover_or_why(estimate, kept.part, words, options)
     wanted = offset_to_write(estimate, handover, live, offset)
     return HandWords(control=words, offset=offset, handover=handover, wanted=wanted, why=why)
 

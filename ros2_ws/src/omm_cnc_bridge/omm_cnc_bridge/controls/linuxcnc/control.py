@@ -15,7 +15,15 @@ from pathlib import Path
 from typing import Any
 
 from omm_cnc_bridge.clock import ControlClock, ros_from_monotonic_ns
-from omm_cnc_bridge.control import ControlSample, Mode, Orientation, ProgramState, TruePose
+from omm_cnc_bridge.control import (
+    ControlSample,
+    Mode,
+    Orientation,
+    ProgramState,
+    TruePose,
+    WorkOffset,
+)
+from omm_cnc_bridge.controls.linuxcnc import offsets
 from omm_core.errors import DeviceError
 from omm_core.geometry import RigidTransform
 from omm_core.machine.kinematics import Machine
@@ -28,6 +36,7 @@ LOCAL_READER = (
 )
 HELLO_TIMEOUT_S = 5.0
 ANSWER_TIMEOUT_S = 5.0
+READ_BACK_S = 2.0  # for the status to say what a block has set
 TRUTH_RATE_HZ = 250.0
 _MODES = {1: Mode.MANUAL, 2: Mode.AUTOMATIC, 3: Mode.MDI}
 # Of M19, in the terms of linuxcnc.RCS_DONE, RCS_EXEC and RCS_ERROR.
@@ -141,6 +150,39 @@ class LinuxCncControl:
     def mdi(self, text: str, timeout_s: float = ANSWER_TIMEOUT_S) -> None:
         """Carry out one block, for instance ``G10 L2 P1 X… Y… Z… R…`` (sets a work offset)."""
         self._ask(timeout_s, do="mdi", text=text)
+
+    def work_offset(self, name: str) -> WorkOffset:
+        """Return an offset; LinuxCNC tells it only of the one that is active."""
+        return offsets.read(self._status, name, self._per_mm())
+
+    def set_work_offset(self, offset: WorkOffset, timeout_s: float) -> WorkOffset:
+        """Write an offset with ``G10 L2``, make it active for a moment, and read it back.
+
+        Units and distance mode are left as they were found, and so is the active offset.
+        """
+        before = dict(self._status)
+        block = offsets.block(before, offset)
+        self.mdi(block, timeout_s)
+        try:
+            self.mdi(offset.name, timeout_s)
+            deadline = time.monotonic() + READ_BACK_S
+            while True:
+                told = offsets.told(self._status, offset.name, self._per_mm())
+                late = time.monotonic() > deadline
+                if late or (told is not None and offsets.equal(told, offset)):
+                    break
+                time.sleep(0.02)
+        finally:
+            for word in offsets.restoring(before):
+                self.mdi(word, timeout_s)
+        if told is None:
+            raise DeviceError(f"LinuxCNC: {offset.name} did not become active: not read back.")
+        return told
+
+    def _per_mm(self) -> float:
+        if not self._hello:
+            raise DeviceError("LinuxCNC is not connected.")
+        return float(self._hello["linear_units_per_mm"])
 
     def close(self) -> None:
         self._end_reader()

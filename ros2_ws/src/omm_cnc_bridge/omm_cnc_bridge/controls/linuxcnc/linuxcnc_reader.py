@@ -38,6 +38,7 @@ SIGNAL_VALID = "omm-correction-valid"
 SIGNALS_CORRECTION = (
     "omm-correction-x", "omm-correction-y", "omm-correction-z", "omm-correction-status",
 )  # fmt: skip
+MODAL = (200, 210, 900, 910)  # G20, G21, G90, G91 in LinuxCNC's count
 
 
 class Lost(Exception):
@@ -314,6 +315,9 @@ class Reader:
             "orientation": orient["orient_state"]
             or (self._linuxcnc.RCS_ERROR if orient["orient_fault"] else 0),
             "spindle_deg": self._spindle_deg(orient["orient_state"]),
+            "g5x": [s.g5x_index, list(s.g5x_offset[:6]), s.rotation_xy],
+            "g92": list(s.g92_offset[:6]),
+            "gcodes": [code for code in s.gcodes[1:] if code in MODAL],
         }
         self._was_running = running
         if status != self._status:

@@ -14,15 +14,17 @@ import threading
 from collections.abc import Coroutine, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from omm_cnc_bridge.clock import ControlClock
-from omm_cnc_bridge.control import ControlSample
+from omm_cnc_bridge.control import ControlSample, WorkOffset
 from omm_cnc_bridge.controls.opcua.mapping import Mapping40502, load_mapping
 from omm_cnc_bridge.controls.opcua.session import Session
 from omm_core.errors import DeviceError, InputError
 
+T = TypeVar("T")
 CONNECT_TIMEOUT_S = 20.0
+OFFSET_TIMEOUT_S = 5.0
 SILENCE_S = 5.0
 
 
@@ -123,6 +125,31 @@ class OpcUaControl:
         except Exception as error:
             raise DeviceError(f"OPC UA: image {request} is not acknowledged: {error}.") from error
 
+    def work_offset(self, name: str) -> WorkOffset:
+        """Return an offset that the mapping file names."""
+        return self._offset(name, None, OFFSET_TIMEOUT_S)
+
+    def set_work_offset(self, offset: WorkOffset, timeout_s: float) -> WorkOffset:
+        """Write an offset that the mapping file names, and read it back."""
+        return self._offset(offset.name, offset, timeout_s)
+
+    def _offset(self, name: str, wanted: WorkOffset | None, timeout_s: float) -> WorkOffset:
+        session, known = self._session, self._mapping.offsets
+        if name not in known:
+            raise DeviceError(
+                f"OPC UA: the mapping file names no nodes of {name} under offsets, only"
+                f" {', '.join(known) or 'none at all'}."
+            )
+        if session is None:
+            raise DeviceError("OPC UA: not connected.")
+        try:
+            return self._await(session.work_offset(name, wanted), timeout_s)
+        except DeviceError:
+            raise
+        except Exception as error:  # asyncua raises of its own, of asyncio's and of ssl's
+            text = str(error) or type(error).__name__
+            raise DeviceError(f"OPC UA: {name}: {text}.") from error
+
     def close(self) -> None:
         loop, self._loop = self._loop, None
         if loop is None:
@@ -136,8 +163,8 @@ class OpcUaControl:
             self._thread.join(3.0)
         loop.close()
 
-    def _await(self, work: Coroutine[Any, Any, None], timeout_s: float) -> None:
+    def _await(self, work: Coroutine[Any, Any, T], timeout_s: float) -> T:
         if self._loop is None:
             work.close()
             raise DeviceError("OPC UA: not connected.")
-        asyncio.run_coroutine_threadsafe(work, self._loop).result(timeout_s)
+        return asyncio.run_coroutine_threadsafe(work, self._loop).result(timeout_s)

@@ -22,6 +22,8 @@ AXIS_ITEMS = ("position", "commanded", "status", "referenced")
 CHANNEL_ITEMS = (
     "mode", "program_status", "program", "program_line", "measure_request", "spindle_angle"
 )  # fmt: skip
+OFFSET_ITEMS = ("X", "Y", "Z", "A", "B", "C")
+LENGTH_UNITS = ("mm", "m", "inch")
 ANGLE_UNITS = ("rad", "deg")
 UNITS = {"mm": 1.0, "m": 1000.0, "inch": 25.4, "rad": 1.0, "deg": 0.017453292519943295}
 
@@ -35,6 +37,15 @@ class AxisItems:
     """None takes the EngineeringUnits that the server tells."""
     in_position: int = 0
     """Value of ``status`` that means in position."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class OffsetNodes:
+    """Nodes of one work offset: X, Y, Z, and A, B, C about fixed x, y, z (where there are any)."""
+
+    paths: Mapping[str, str]
+    unit: str = "mm"
+    angle_unit: str = "deg"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +63,9 @@ class Mapping40502:
         }
     )  # fmt: skip
     acknowledge: str = ""
-    """Where the number of an image that is in is written; the only thing ever written."""
+    """Where the number of an image that is in is written."""
+    offsets: Mapping[str, OffsetNodes] = field(default_factory=dict)
+    """Work offsets by name: besides ``acknowledge`` the only nodes that are ever written."""
 
 
 def load_mapping(path: Path) -> Mapping40502:
@@ -64,7 +77,7 @@ def load_mapping(path: Path) -> Mapping40502:
         Where the file is not there or says something unknown.
     """
     root = read_yaml(path, "mapping")
-    known = {"axes", "channel", "modes", "program_states", "acknowledge"}
+    known = {"axes", "channel", "modes", "program_states", "acknowledge", "offsets"}
     if not root.values.get("axes") or set(root.values) - known:
         raise InputError(f"{path}: expected axes and optionally {', '.join(sorted(known))}.")
     axes = root.section("axes")
@@ -77,6 +90,8 @@ def load_mapping(path: Path) -> Mapping40502:
         given["program_states"] = _words(root.section("program_states"), ProgramState)
     if "acknowledge" in root:
         given["acknowledge"] = root.text("acknowledge")
+    if "offsets" in root:
+        given["offsets"] = _offsets(root.section("offsets"))
     return Mapping40502(
         axes={str(name): _axis(axes.section(name)) for name in axes.values}, **given
     )
@@ -114,3 +129,33 @@ def _axis(entry: YamlSection) -> AxisItems:
         unit=unit,
         in_position=entry.integer("in_position") if "in_position" in entry else 0,
     )
+
+
+def _offsets(section: YamlSection) -> dict[str, OffsetNodes]:
+    found = {str(name): _offset(section.section(name)) for name in section.values}
+    nodes = [path for offset in found.values() for path in offset.paths.values()]
+    if len(set(nodes)) != len(nodes):
+        raise InputError(f"{section.where}: expected each node once, got one of them twice.")
+    return found
+
+
+def _offset(section: YamlSection) -> OffsetNodes:
+    options = ("unit", "angle_unit", "angles")
+    known = ", ".join((*OFFSET_ITEMS, *options))
+    if set(section.values) - {*OFFSET_ITEMS, *options}:
+        raise InputError(f"{section.where}: expected some of {known}.")
+    paths = {item: section.text(item) for item in OFFSET_ITEMS if item in section}
+    if missing := [item for item in OFFSET_ITEMS[:3] if item not in paths]:
+        raise InputError(f"{section.where}: expected nodes for {', '.join(missing)}, too.")
+    chosen = {
+        "unit": ("mm", LENGTH_UNITS),
+        "angle_unit": ("deg", ANGLE_UNITS),
+        "angles": ("rpy", ("rpy",)),
+    }
+    told = {n: section.text(n) if n in section else default for n, (default, _) in chosen.items()}
+    for name, (_, words) in chosen.items():
+        if told[name] not in words:
+            raise InputError(
+                f"{section.where}: expected {name} out of {', '.join(words)}, got {told[name]}."
+            )
+    return OffsetNodes(paths=paths, unit=told["unit"], angle_unit=told["angle_unit"])

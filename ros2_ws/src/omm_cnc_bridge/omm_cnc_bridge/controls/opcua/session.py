@@ -19,7 +19,8 @@ from asyncua import Client, Node, ua
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 
 from omm_cnc_bridge.clock import ControlClock, ros_from_monotonic_ns
-from omm_cnc_bridge.control import ControlSample, Mode, ProgramState
+from omm_cnc_bridge.control import ControlSample, Mode, ProgramState, WorkOffset
+from omm_cnc_bridge.controls.opcua import offsets
 from omm_cnc_bridge.controls.opcua.mapping import (
     ANGLE_UNITS,
     TWICE,
@@ -95,6 +96,7 @@ class Session:
         self._refreshes = False
         self._steps_ns: deque[int] = deque(maxlen=21)
         self._acknowledge: Node | None = None
+        self._offsets: dict[str, dict[str, Node]] = {}
 
     async def open(self) -> None:
         """Connect, find the nodes, subscribe."""
@@ -112,6 +114,8 @@ class Session:
         self._keys = {node.nodeid: key for key, node in nodes.items()}
         if self._mapping.acknowledge:
             self._acknowledge = await self._find(self._mapping.acknowledge)
+        for name, offset in self._mapping.offsets.items():
+            self._offsets[name] = {i: await self._find(p) for i, p in offset.paths.items()}
         await self._subscribe(nodes)
 
     async def close(self) -> None:
@@ -122,6 +126,13 @@ class Session:
         assert self._acknowledge is not None
         variant = await self._acknowledge.read_data_type_as_variant_type()
         await self._acknowledge.write_value(ua.DataValue(ua.Variant(request, variant)))
+
+    async def work_offset(self, name: str, wanted: WorkOffset | None) -> WorkOffset:
+        """Return a work offset, after writing it where one is given."""
+        nodes, mapped = self._offsets[name], self._mapping.offsets[name]
+        if wanted is not None:
+            await offsets.write(nodes, offsets.values_of(wanted, mapped))
+        return offsets.offset_of(name, await offsets.read(nodes), mapped)
 
     # --- connecting ----------------------------------------------------------------------------
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from omm_cnc_bridge.clock import ros_from_monotonic_ns
-from omm_cnc_bridge.control import ControlSample, Mode, ProgramState, TruePose
+from omm_cnc_bridge.control import ControlSample, Mode, ProgramState, TruePose, WorkOffset
 from omm_core.errors import DeviceError
 from omm_core.geometry import RigidTransform
 from omm_core.machine.kinematics import Machine
@@ -18,6 +18,7 @@ from omm_simulation.cell import Cell
 from omm_simulation.control import AXIS_NAMES, ControlState, SimulatedControl
 from omm_simulation.scenario import Scenario
 
+OFFSETS = ("G54", "G55", "G56", "G57", "G58", "G59")
 _PROGRAM_STATES = {state.name: state for state in ProgramState}
 
 
@@ -44,6 +45,7 @@ class SimulatedCellControl:
         self._epoch_ns = 0
         self._tick = 0
         self._truth: list[TruePose] = []
+        self._offsets: dict[str, WorkOffset] = {}
 
     def connect(self) -> None:
         """Start the control; its program waits to be started."""
@@ -86,6 +88,20 @@ class SimulatedCellControl:
             taken = self._control.acknowledge(request, time.monotonic_ns())
         if not taken:
             raise DeviceError(f"The simulated program does not wait for image {request}.")
+
+    def work_offset(self, name: str) -> WorkOffset:
+        """Return an offset out of a table that begins with zeros, as a real control has it."""
+        if name not in OFFSETS:
+            raise DeviceError(f"Expected an offset out of {', '.join(OFFSETS)}, got {name}.")
+        zero = WorkOffset(name=name, xyz_mm=(0.0, 0.0, 0.0), euler_xyz_rad=(0.0, 0.0, 0.0))
+        return self._offsets.get(name, zero)
+
+    def set_work_offset(self, offset: WorkOffset, timeout_s: float) -> WorkOffset:
+        """Take an offset into the table."""
+        del timeout_s  # done at once
+        self.work_offset(offset.name)
+        self._offsets[offset.name] = offset
+        return self.work_offset(offset.name)
 
     def close(self) -> None:
         """Nothing is held open."""
