@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from whole_suite import SHARED, Omm
+from whole_suite import Omm, shared_data
 
 
 @pytest.fixture
@@ -32,7 +32,4 @@ def omm(tmp_path: Path) -> Omm:
 @pytest.fixture(scope="session")
 def bench_run() -> Path:
     """The run that an independent program made, with its truth beside it."""
-    folder = SHARED / "bench"
-    if not folder.is_dir():
-        pytest.skip("the run of the independent program is not here (../shared/data/bench)")
-    return folder
+    return shared_data("bench")

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
+from whole_suite import shared_data
 
 from omm_recording.rosbag2_format import TopicQos
 from omm_recording.writing import RecordingOptions, RecordingWriter, TopicToRecord
 
 IMAGE = "sensor_msgs/msg/Image"
 POSE = "geometry_msgs/msg/PoseStamped"
-BENCH = Path(__file__).parents[1] / ".." / "shared" / "data" / "bench"
 START_NS = 1_700_000_000_000_000_000
 
 
@@ -154,6 +154,4 @@ def python_environment() -> dict[str, str]:
 
 @pytest.fixture(scope="session")
 def bench() -> Path:
-    if not (BENCH / "run.mcap").is_file():
-        pytest.skip("needs the shared bench recording")
-    return BENCH
+    return shared_data("bench")

@@ -4,12 +4,11 @@ import json
 
 import pytest
 import yaml
-from whole_suite import SHARED
+from whole_suite import shared_data
 
 from omm_bringup.command_line import main
 
-DATA = SHARED / "fit"
-pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="needs the shared data of fits")
+DATA = shared_data("fit")
 
 
 def fit(case, folder):

@@ -9,7 +9,7 @@ import json
 import numpy as np
 import pytest
 from known_noise import KnownNoise, solve_knowing_all
-from whole_suite import SHARED
+from whole_suite import shared_data
 
 from omm_core.files.part import load_part
 from omm_core.imaging.calibration import load_calibration
@@ -22,9 +22,7 @@ MACHINES = {"shop": (0.003, 0.015, 700.0, 0.020), "shoplarge": (0.004, 0.030, 20
 
 @pytest.mark.parametrize("name", MACHINES)
 def test_standard_deviations_are_those_that_the_other_program_told(name: str) -> None:
-    folder = SHARED / "machines" / name
-    if not folder.is_dir():
-        pytest.skip(f"the run of the independent program is not here (../shared/data/{name})")
+    folder = shared_data(f"machines/{name}")
     stop, geometry, length, target = MACHINES[name]
     truth = json.loads((folder / "truth.json").read_text())
     part, camera = load_part(folder / "part.yaml"), load_calibration(folder / "camera.yaml")

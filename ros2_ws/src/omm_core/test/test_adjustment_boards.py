@@ -1,20 +1,18 @@
 """The adjustment of 25 photographs of a board ends where OpenCV's does, with the same sigma."""
 
 import csv
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from whole_suite import shared_data
 
 from omm_core.adjustment import Block, Group, Problem, solve
 
-BOARDS = Path(__file__).parents[4].parent / "shared/data/calibration/bouguet_boards/points.csv"
+BOARDS = shared_data("calibration/bouguet_boards") / "points.csv"
 
 
 def _read():
-    if not BOARDS.exists():
-        pytest.skip("needs ../shared/data/calibration/bouguet_boards, which is not here")
     with BOARDS.open(newline="") as file:
         rows = list(csv.DictReader(file))
     board = np.array([int(row["board"]) - 1 for row in rows])

@@ -9,11 +9,12 @@ from typing import Any
 
 import pikepdf
 import pytest
+from whole_suite import shared_data
 
 from omm_report.run_report import run_report
 from omm_runs.solving import SolvedRun, SolveRunOptions, solve_run
 
-BENCH = Path(__file__).parents[4] / ".." / "shared" / "data" / "bench"
+BENCH = shared_data("bench")
 
 
 def _attached(report: bytes) -> Any:
@@ -23,8 +24,6 @@ def _attached(report: bytes) -> Any:
 
 @pytest.fixture(scope="module")
 def solved() -> SolvedRun:
-    if not (BENCH / "run.mcap").is_file():
-        pytest.skip("the shared bench recording is not here")
     return solve_run(BENCH)
 
 

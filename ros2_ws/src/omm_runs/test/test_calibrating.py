@@ -79,7 +79,7 @@ def test_the_json_is_as_the_contract_has_it(folder):
         ("brown_photogrammetric", "plumb_bob", "brown_photogrammetric"),
         ("normal: [0, 0, 1]", "normal: [0, 0, 0]", "a direction"),
         ("sigma_px: 0.02", "", "sigma_px"),
-        ("points.csv", "none.csv", "cannot be read"),
+        ("points.csv", "none.csv", "no such file"),
     ],
 )
 def test_mistakes_in_a_set_are_named(folder, old, new, words):
