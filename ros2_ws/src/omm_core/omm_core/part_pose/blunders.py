@@ -98,9 +98,7 @@ def _found(
         estimated = posterior(noise_model(current.problem, current.best, options), options)
     contradictory = estimated is not None and _beyond_machines(estimated.model, options)
     if before is not None:
-        return replace(
-            before, fit=current, posterior=estimated, contradictory=contradictory
-        )  # fmt: skip
+        return replace(before, fit=current, posterior=estimated, contradictory=contradictory)
     return Found(
         fit=current, posterior=estimated, dropped=np.zeros(len(problem), dtype=bool), reasons={},
         findings=(), contradictory=contradictory,
@@ -119,8 +117,8 @@ def _beyond_machines(model: NoiseModel, options: SolveOptions) -> bool:
         return False
     stop_sigma_mm = max(options.worst_machine_mm / 4.0, options.stop_sigma_mm or 0.0)
     geometry_sigma_mm = max(options.worst_machine_mm, options.geometry_sigma_mm or 0.0)
-    shortest = float(geometry_lengths(options, diagonal_mm(model.problem))[0])
-    geometry = model.geometry_covariance(shortest, own=False)
+    shortest = geometry_lengths(options, diagonal_mm(model.problem))[:1]
+    geometry = model.geometry_covariances(shortest)[1][0]
     C = model.targets + model.calibration + _WORST_DETECTOR**2 * model.image
     C = C + stop_sigma_mm**2 * model.stop_covariance() + geometry_sigma_mm**2 * geometry
     z = model.u_z[u:]

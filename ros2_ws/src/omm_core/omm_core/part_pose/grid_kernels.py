@@ -21,7 +21,8 @@ from numba import njit
 
 _FASTMATH = {"contract", "reassoc", "arcp", "nsz"}
 _compiled = njit(cache=True, error_model="numpy", fastmath=_FASTMATH)
-_NEGLIGIBLE = 1e-9  # of the largest weight
+_NEGLIGIBLE = 1e-8  # of the largest weight
+_WITHOUT_WIDTH = 1e-5  # the same, for the half widths
 
 
 @_compiled
@@ -53,6 +54,38 @@ def _forward(L, m, row):
         for k in range(i):
             value -= L[i, k] * row[k]
         row[i] = value * L[i, i]
+
+
+@_compiled
+def smooth_covariance(effect, places, lengths, covariance):
+    """Fill E (k ⊗ 1) Eᵀ for each length, (L, r, r), with k = exp(-d² / 2 length²).
+
+    ``effect`` (r, S, 3) is E: what errors at the stops do; ``places`` (S, 3) where these are.
+    """
+    rows, count = effect.shape[0], effect.shape[1]
+    kernel, spread = np.empty((count, count)), np.empty((count, 3))
+    for index in range(lengths.size):
+        scale = -0.5 / (lengths[index] * lengths[index])
+        for i in range(count):
+            for j in range(i + 1):
+                apart2 = 0.0
+                for axis in range(3):
+                    apart2 += (places[i, axis] - places[j, axis]) ** 2
+                kernel[i, j] = kernel[j, i] = math.exp(scale * apart2)
+        for r in range(rows):
+            for i in range(count):
+                x = y = z = 0.0
+                for j in range(count):
+                    x += kernel[i, j] * effect[r, j, 0]
+                    y += kernel[i, j] * effect[r, j, 1]
+                    z += kernel[i, j] * effect[r, j, 2]
+                spread[i, 0], spread[i, 1], spread[i, 2] = x, y, z
+            for s in range(r + 1):
+                value = 0.0
+                for i in range(count):
+                    for axis in range(3):
+                        value += spread[i, axis] * effect[s, i, axis]
+                covariance[index, r, s] = covariance[index, s, r] = value
 
 
 @_compiled
@@ -190,10 +223,15 @@ def half_widths(weight, means, sigmas, mean, covariance, level, widths):
 
     Newton's method on the share, inside an interval that is halved where it leaves it.
     """
-    count = weight.size
     largest = 0.0
-    for p in range(count):
+    for p in range(weight.size):
         largest = max(largest, weight[p])
+    chosen = np.empty(weight.size, dtype=np.int64)
+    count = 0
+    for p in range(weight.size):
+        if weight[p] > _WITHOUT_WIDTH * largest:
+            chosen[count] = p
+            count += 1
     for i in range(7):
         sigma = math.sqrt(max(covariance[i, i], 0.0))
         widths[i] = 0.0
@@ -202,10 +240,9 @@ def half_widths(weight, means, sigmas, mean, covariance, level, widths):
         low, high, width = 0.0, 40.0 * sigma, 2.0 * sigma
         for _ in range(100):
             share = slope = 0.0
-            for p in range(count):
+            for k in range(count):
+                p = chosen[k]
                 s = sigmas[p, i]
-                if weight[p] < 1e-7 * largest or not s > 0.0:
-                    continue
                 off = means[p, i] - mean[i]
                 x, y = (width - off) / s, (width + off) / s
                 share += weight[p] * (
@@ -225,7 +262,7 @@ def half_widths(weight, means, sigmas, mean, covariance, level, widths):
             new = width - step
             if not (low < new < high):
                 new = 0.5 * (low + high)
-            if abs(new - width) < 1e-6 * sigma:
+            if abs(new - width) < 1e-5 * sigma:
                 width = new
                 break
             width = new

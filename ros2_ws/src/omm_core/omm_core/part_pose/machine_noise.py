@@ -9,6 +9,7 @@ with the probability that it has before anything was measured.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,39 +78,52 @@ def noise_grid(options: SolveOptions, diagonal_mm: float, *, scale_image: bool) 
         Whether the detector's own word on its noise is doubted. Needless where each image shows
         one target: what is said too little of the centre is then taken for the stop's.
     """
-    stops, stop_prior = _stops(options)
-    geometry, geometry_prior = _geometry(options)
     lengths = geometry_lengths(options, diagonal_mm)
-    if len(geometry) == 1 and geometry[0] == 0.0:
+    if options.geometry_sigma_mm == 0.0:
         lengths = lengths[:1]
-    scales, scale_prior = (
-        (_IMAGE_SCALES, _IMAGE_PRIOR) if scale_image else (_IMAGE_SCALES[:1], np.ones(1))
-    )
-    i, s, g, k = (
-        index.ravel()
-        for index in np.meshgrid(
-            *(np.arange(len(each)) for each in (scales, stops, geometry, lengths)), indexing="ij"
-        )
-    )
-    # Without geometry errors their length is nothing: one point does for all lengths.
-    one = (geometry[g] > 0.0) | (k == 0)
-    i, s, g, k = i[one], s[one], g[one], k[one]
-    weight = np.where(geometry[g] > 0.0, 1.0 / len(lengths), 1.0)
-    prior = scale_prior[i] * stop_prior[s] * geometry_prior[g] * weight
+    grid = _grid_of(
+        options.stop_sigma_mm, options.geometry_sigma_mm, options.worst_machine_mm, len(lengths),
+        scale_image=scale_image,
+    )  # fmt: skip
     estimated = [
         name
         for name in ("stop_sigma_mm", "geometry_sigma_mm", "geometry_length_mm")
         if getattr(options, name) is None
     ]
+    return replace(grid, lengths_mm=lengths, estimated=tuple(estimated))
+
+
+@lru_cache(maxsize=64)
+def _grid_of(
+    stop_sigma_mm: float | None,
+    geometry_sigma_mm: float | None,
+    worst_mm: float,
+    lengths: int,
+    *,
+    scale_image: bool,
+) -> NoiseGrid:
+    """Return the grid but for its lengths: the same for all problems, and made once."""
+    stops, stop_prior = _stops(stop_sigma_mm, worst_mm)
+    geometry, geometry_prior = _geometry(geometry_sigma_mm, worst_mm)
+    scales, scale_prior = (
+        (_IMAGE_SCALES, _IMAGE_PRIOR) if scale_image else (_IMAGE_SCALES[:1], np.ones(1))
+    )
+    sizes = [np.arange(size) for size in (len(scales), len(stops), len(geometry), lengths)]
+    i, s, g, k = (index.ravel() for index in np.meshgrid(*sizes, indexing="ij"))
+    # Without geometry errors their length is nothing: one point does for all lengths.
+    one = (geometry[g] > 0.0) | (k == 0)
+    i, s, g, k = i[one], s[one], g[one], k[one]
+    weight = np.where(geometry[g] > 0.0, 1.0 / lengths, 1.0)
+    prior = scale_prior[i] * stop_prior[s] * geometry_prior[g] * weight
     return NoiseGrid(
         image_scale=scales[i],
         stop_sigma_mm=stops[s],
         geometry_sigma_mm=geometry[g],
         length_index=k.astype(np.int64),
-        lengths_mm=lengths,
+        lengths_mm=np.zeros(lengths),
         log_prior=np.log(prior / prior.sum()),
         coordinates=np.stack([i, s, g, k], axis=1),
-        estimated=tuple(estimated),
+        estimated=(),
     )
 
 
@@ -134,17 +148,19 @@ def geometry_lengths(options: SolveOptions, diagonal_mm: float) -> Array:
     return np.asarray(_LENGTHS * max(diagonal_mm, 1.0))
 
 
-def _stops(options: SolveOptions) -> tuple[Array, Array]:
-    if options.stop_sigma_mm is not None:
-        return np.array([options.stop_sigma_mm]), np.ones(1)
-    levels = _levels(_STOPS_MM, options.worst_machine_mm / WORST_MM)
+def _stops(declared_mm: float | None, worst_mm: float) -> tuple[Array, Array]:
+    """Return the levels of stops, and their prior."""
+    if declared_mm is not None:
+        return np.array([declared_mm]), np.ones(1)
+    levels = _levels(_STOPS_MM, worst_mm / WORST_MM)
     return levels, np.gradient(levels) / (1.0 + (levels / _STOP_SCALE_MM) ** 2)
 
 
-def _geometry(options: SolveOptions) -> tuple[Array, Array]:
-    if options.geometry_sigma_mm is not None:
-        return np.array([options.geometry_sigma_mm]), np.ones(1)
-    levels = _levels(_GEOMETRY_MM, options.worst_machine_mm / WORST_MM)
+def _geometry(declared_mm: float | None, worst_mm: float) -> tuple[Array, Array]:
+    """Return the levels of geometry errors, and their prior."""
+    if declared_mm is not None:
+        return np.array([declared_mm]), np.ones(1)
+    levels = _levels(_GEOMETRY_MM, worst_mm / WORST_MM)
     prior = np.gradient(levels) / np.maximum(levels, _GEOMETRY_FLOOR_MM)
     prior[0] /= 2.0
     return levels, prior

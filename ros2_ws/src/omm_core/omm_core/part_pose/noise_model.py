@@ -27,7 +27,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from omm_core.numerics.linear_algebra import inverse
 from omm_core.part_pose.adjustment import Adjustment, predictions
+from omm_core.part_pose.grid_kernels import smooth_covariance
 from omm_core.part_pose.kernels import predict_all
 from omm_core.part_pose.problem import Indices, Problem, SolveOptions
 
@@ -89,20 +91,24 @@ class NoiseModel:
         """Return the covariance of (u, z) for stops of 1 mm, (n, n)."""
         return self.stops @ self.stops.T
 
-    def geometry_covariance(self, length_mm: float, *, own: bool) -> Array:
-        """Return the covariance of (u, z) for geometry errors of 1 mm, (n, n)."""
-        effect = self.stops
-        if own:
-            effect = effect.copy()
-            effect[: self.unknowns] += self.rigid
-        places = self.places_mm
-        apart2 = np.sum((places[:, None] - places[None, :]) ** 2, axis=2)
-        kernel = np.exp(-apart2 / (2.0 * length_mm**2))
-        count = len(places)
-        spread = kernel @ effect.reshape(-1, count, 3).transpose(1, 0, 2).reshape(count, -1)
-        turned = spread.reshape(count, -1, 3).transpose(1, 0, 2).reshape(len(effect), -1)
-        covariance = turned @ effect.T
-        return (covariance + covariance.T) / 2.0
+    def geometry_covariances(self, lengths_mm: Array) -> tuple[Array, Array]:
+        """Return the covariances of (u, z) for geometry errors of 1 mm: own, absolute.
+
+        One (n, n) matrix for each length, (L, n, n); only what concerns u differs.
+        """
+        n, u, count = len(self.u_z), self.unknowns, len(self.places_mm)
+        effect = np.empty((n + u, 3 * count))
+        effect[:n] = self.stops
+        effect[n:] = self.stops[:u] + self.rigid
+        covariance = np.empty((len(lengths_mm), n + u, n + u))
+        smooth_covariance(
+            effect.reshape(n + u, count, 3), self.places_mm, np.asarray(lengths_mm), covariance
+        )
+        own = covariance[:, :n, :n].copy()
+        own[:, :u, :u] = covariance[:, n:, n:]
+        own[:, :u, u:] = covariance[:, n:, u:n]
+        own[:, u:, :u] = covariance[:, u:n, n:]
+        return own, np.ascontiguousarray(covariance[:, :n, :n])
 
 
 def noise_model(problem: Problem, adjustment: Adjustment, options: SolveOptions) -> NoiseModel:
@@ -161,15 +167,15 @@ def rigid_part(problem: Problem, adjustment: Adjustment, stop_of: Indices) -> Ar
     mean /= mean.sum(axis=1, keepdims=True)
     arm = problem.points[seen, 0] @ adjustment.rotation.T
     size = max(float(np.sqrt(np.mean(arm**2))), 1e-9)
-    x, y, z = arm.T / size
-    zero, one = np.zeros_like(x), np.ones_like(x)
-    # ω x a = -[a]x ω
-    design = np.stack([
-        np.stack([zero, z, -y, one, zero, zero], axis=1),
-        np.stack([-z, zero, x, zero, one, zero], axis=1),
-        np.stack([y, -x, zero, zero, zero, one], axis=1),
-    ], axis=1).reshape(-1, 6)  # fmt: skip
-    fit = np.linalg.pinv(design)
+    design = np.zeros((len(seen), 3, 6))  # ω x a + d
+    design[:, 0, 1], design[:, 0, 2] = arm[:, 2] / size, -arm[:, 1] / size
+    design[:, 1, 2], design[:, 1, 0] = arm[:, 0] / size, -arm[:, 2] / size
+    design[:, 2, 0], design[:, 2, 1] = arm[:, 1] / size, -arm[:, 0] / size
+    design[:, :, 3:] = np.eye(3)
+    flat = design.reshape(-1, 6)
+    fit = inverse(flat.T @ flat) @ flat.T
+    if not np.all(np.isfinite(fit)):
+        raise np.linalg.LinAlgError("the targets do not determine a rigid motion")
     fit[:3] /= size
     rigid = np.zeros((7, 3 * count))
     rigid[:6] = np.einsum("ktj,ti->kij", fit.reshape(6, len(seen), 3), mean).reshape(6, -1)

@@ -161,13 +161,9 @@ def detector_doubted(problem: Problem, options: SolveOptions) -> bool:
 
 def noise_matrices(model: NoiseModel, grid: NoiseGrid) -> Matrices:
     """Return C_0, C_image, C_stop, C_own, C_absolute of grid_kernels.py."""
-    return (
-        model.targets + model.calibration,
-        model.image,
-        model.stop_covariance(),
-        np.stack([model.geometry_covariance(length, own=True) for length in grid.lengths_mm]),
-        np.stack([model.geometry_covariance(length, own=False) for length in grid.lengths_mm]),
-    )
+    own, absolute = model.geometry_covariances(grid.lengths_mm)
+    known = model.targets + model.calibration
+    return known, model.image, model.stop_covariance(), own, absolute
 
 
 def diagonal_mm(problem: Problem) -> float:
