@@ -13,15 +13,12 @@ from omm_core.files.part import Part, load_part
 from omm_core.geometry import RigidTransform
 from omm_core.imaging.calibration import load_calibration
 from omm_core.machine.kinematics import Machine as Kinematics
+from omm_core.part_pose import SolveOptions
+from omm_core.part_pose.machine_noise import MachineNoise, noise_grid, summarise
 from omm_core.planning.plan import Plan, make_plan
 from omm_core.planning.scene import Noise, Scene
 from omm_core.planning.wish import Wish
 from omm_runs.solving import SolveRunOptions, solve_run
-
-PRIOR_STOP_SIGMA_MM = 0.007
-PRIOR_GEOMETRY_SIGMA_MM = 0.006
-PRIOR_LENGTH_SHARE = 0.35
-"""Medians of the prior of docs/statistics.md; the length in shares of the targets' extent."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,6 +39,7 @@ class _Place:
     machine_T_part: RigidTransform
     gamma_s_rad: float = 0.0
     machine: MachineUncertainty = field(default_factory=MachineUncertainty)
+    image_sigma_px: float | None = None
 
 
 def plan_of(request: PlanRequest) -> Plan:
@@ -58,7 +56,7 @@ def plan_of(request: PlanRequest) -> Plan:
     machine = load_machine(request.machine_file)
     kinematics = Kinematics.load(request.machine_file)
     place = _place(request, part)
-    noise, told = _noise(machine.uncertainty, place.machine, part)
+    noise, told = _noise(machine.uncertainty, place, part)
     scene = Scene(
         part=part,
         calibration=calibration,
@@ -93,40 +91,64 @@ def _place(request: PlanRequest, part: Part) -> _Place:
 
 
 def _near(request: PlanRequest, run: Path) -> _Place:
+    """Return where a run found the part, and how exact it found machine and images to be."""
     solved = solve_run(
         run,
-        SolveRunOptions(part_file=request.part_file, calibration_file=request.calibration_file),
+        SolveRunOptions(
+            part_file=request.part_file,
+            calibration_file=request.calibration_file,
+            machine_file=request.machine_file,
+        ),
     )
-    if not solved.result.determined:
+    solution = solved.result.solution
+    if not solution.determined or solution.machine is None:
         raise MeasurementError(
             f"The run {run} does not say where the part is: {' '.join(solved.result.missing)}"
         )
-    alpha, beta, gamma, *place_mm, gamma_s = solved.result.solution.theta.tolist()
+    alpha, beta, gamma, *place_mm, gamma_s = solution.theta.tolist()
+    variance = [np.trace(o.covariance_px2) / 2 for o in solution.observations]
     return _Place(
         machine_T_part=RigidTransform.from_euler_xyz_rad(alpha, beta, gamma, place_mm),
         gamma_s_rad=gamma_s,
+        machine=_medians(solution.machine),
+        image_sigma_px=solution.machine.image_scale * float(np.sqrt(np.median(variance))),
     )
+
+
+def _medians(noise: MachineNoise) -> MachineUncertainty:
+    return MachineUncertainty(
+        stop_sigma_mm=noise.stop_sigma_mm.median,
+        geometry_sigma_mm=noise.geometry_sigma_mm.median,
+        geometry_length_mm=noise.geometry_length_mm.median,
+    )
+
+
+def _prior(part: Part) -> MachineUncertainty:
+    """Return the medians of the estimator's prior, for stops as far apart as the targets."""
+    xyz = np.array([target.xyz_mm for target in part.targets])
+    extent = max(float(np.linalg.norm(np.ptp(xyz, axis=0))), 1.0)
+    grid = noise_grid(SolveOptions(), extent, scale_image=False)
+    return _medians(summarise(grid, np.exp(grid.log_prior)))
 
 
 def _noise(
-    declared: MachineUncertainty, seen: MachineUncertainty, part: Part
+    declared: MachineUncertainty, place: _Place, part: Part
 ) -> tuple[Noise, tuple[str, ...]]:
     """Return what is declared, else what the run showed, else the prior's median; and say which."""
-    xyz = np.array([target.xyz_mm for target in part.targets])
-    extent = max(float(np.linalg.norm(np.ptp(xyz, axis=0))), 1.0)
-    prior = MachineUncertainty(
-        stop_sigma_mm=PRIOR_STOP_SIGMA_MM,
-        geometry_sigma_mm=PRIOR_GEOMETRY_SIGMA_MM,
-        geometry_length_mm=PRIOR_LENGTH_SHARE * extent,
-    )
+    prior, seen = _prior(part), place.machine
     values, told = {}, []
     for name in ("stop_sigma_mm", "geometry_sigma_mm", "geometry_length_mm"):
-        sources = (declared, seen, prior)
-        known = [getattr(source, name) for source in sources]
+        known = [getattr(source, name) for source in (declared, seen, prior)]
         first = next(i for i, value in enumerate(known) if value is not None)
         values[name] = float(known[first])
         matters = name != "geometry_length_mm" or values["geometry_sigma_mm"] > 0.0
         if first and matters:
-            origin = "the run of --near" if first == 1 else "the median of what machines are like"
-            told.append(f"machine.yaml does not tell {name}: {values[name]:.4g} is {origin}.")
-    return Noise(**values), tuple(told)
+            origin = "the run of --near shows" if first == 1 else "the median of the prior"
+            told.append(f"machine.yaml does not tell {name}: {values[name]:.4g}, {origin}.")
+    if told:
+        told.append(
+            "Of a machine that is not declared a measurement has to estimate how exact it is: its U"
+            " is then 1.1 to 1.8 times as large as planned, mostly (docs/statistics.md)."
+        )
+    image = {} if place.image_sigma_px is None else {"image_sigma_px": place.image_sigma_px}
+    return Noise(**values, **image), tuple(told)
