@@ -232,7 +232,8 @@ def compare_with_peers(problem):
     }
     for name, function in ours.items():
         seconds = cpu_seconds(function, 9)
-        ratio = f"1/{times.get('pyceres', np.nan) / seconds:.0f}"
+        times_faster = times.get("pyceres", np.nan) / seconds
+        ratio = f"1/{times_faster:.0f}" if times_faster > 10 else f"1/{times_faster:.1f}"
         print(f"{name:38}{1e6 * seconds:10.1f}{ratio:>12}")
     return times
 

@@ -22,7 +22,8 @@ from numba import njit
 _FASTMATH = {"contract", "reassoc", "arcp", "nsz"}
 _compiled = njit(cache=True, error_model="numpy", fastmath=_FASTMATH)
 _NEGLIGIBLE = 1e-8  # of the largest weight
-_WITHOUT_WIDTH = 1e-5  # the same, for the half widths
+_NO_RANK = 1e-9  # of a column of length 1: what is left of it without those before
+_WITHOUT_WIDTH = 3e-5  # the same, for the half widths
 
 
 @_compiled
@@ -54,6 +55,65 @@ def _forward(L, m, row):
         for k in range(i):
             value -= L[i, k] * row[k]
         row[i] = value * L[i, i]
+
+
+@_compiled
+def split_rows(design, split):
+    """Fill (P, K) of a design (n, u): P A = 1, K A = 0, K Kᵀ = 1; False where A has no rank.
+
+    Householder's A = Q R: K are the last rows of Qᵀ, and P is R⁻¹ times the first.
+    """
+    n, u = design.shape
+    A, v = np.empty((n, u)), np.empty(n)
+    scale = np.empty(u)
+    for j in range(u):
+        length2 = 0.0
+        for i in range(n):
+            length2 += design[i, j] * design[i, j]
+        if not length2 > 0.0:
+            return False
+        scale[j] = 1.0 / math.sqrt(length2)
+        for i in range(n):
+            A[i, j] = design[i, j] * scale[j]
+    for i in range(n):
+        for j in range(n):
+            split[i, j] = 1.0 if i == j else 0.0
+    for j in range(u):
+        length2 = 0.0
+        for i in range(j, n):
+            length2 += A[i, j] * A[i, j]
+        length = math.sqrt(length2)
+        if length < _NO_RANK:
+            return False
+        head = A[j, j] + (length if A[j, j] > 0.0 else -length)
+        v2 = length2 - A[j, j] * A[j, j] + head * head
+        v[j] = head
+        for i in range(j + 1, n):
+            v[i] = A[i, j]
+        for k in range(j, u):
+            value = 0.0
+            for i in range(j, n):
+                value += v[i] * A[i, k]
+            value *= 2.0 / v2
+            for i in range(j, n):
+                A[i, k] -= value * v[i]
+        for k in range(n):
+            value = 0.0
+            for i in range(j, n):
+                value += v[i] * split[i, k]
+            value *= 2.0 / v2
+            for i in range(j, n):
+                split[i, k] -= value * v[i]
+    for i in range(u - 1, -1, -1):
+        for k in range(n):
+            value = split[i, k]
+            for j in range(i + 1, u):
+                value -= A[i, j] * split[j, k]
+            split[i, k] = value / A[i, i]
+    for i in range(u):
+        for k in range(n):
+            split[i, k] *= scale[i]
+    return True
 
 
 @_compiled
@@ -109,9 +169,10 @@ def weigh(C_0, C_image, C_stop, C_own, C_absolute, u_z, u, scales, stops, geomet
         Filled: own, absolute.
     """
     n = C_0.shape[0]
-    m = n - u
+    m, width = n - u, 2 * u + 1
     C, L = np.empty((m, m)), np.empty((m, m))
-    rows = np.empty((2 * u + 1, m))
+    X = np.empty((m, width))  # C_zu of own and of absolute coordinates, and z; then L⁻¹ of them
+    square = np.empty((width, width))
     for p in range(stops.size):
         a, b, c = scales[p] * scales[p], stops[p] * stops[p], geometry[p] * geometry[p]
         G_own, G_absolute = C_own[lengths[p]], C_absolute[lengths[p]]
@@ -121,37 +182,37 @@ def weigh(C_0, C_image, C_stop, C_own, C_absolute, u_z, u, scales, stops, geomet
                     C_0[u + i, u + j] + a * C_image[u + i, u + j] + b * C_stop[u + i, u + j]
                     + c * G_own[u + i, u + j]
                 )  # fmt: skip
-            rows[2 * u, i] = u_z[u + i]
-        for k in range(u):
-            for i in range(m):
-                common = C_0[k, u + i] + a * C_image[k, u + i] + b * C_stop[k, u + i]
-                rows[k, i] = common + c * G_own[k, u + i]
-                rows[u + k, i] = common + c * G_absolute[k, u + i]
-        log_determinant = _factor(C, m, L)
-        for k in range(2 * u + 1):
-            _forward(L, m, rows[k])
-        square = 0.0
-        for i in range(m):
-            square += rows[2 * u, i] * rows[2 * u, i]
-        fit[p] = square
-        log_weight[p] = log_prior[p] - 0.5 * (square + log_determinant)
-        for which in range(2):
-            G = G_own if which == 0 else G_absolute
             for k in range(u):
-                row = rows[which * u + k]
-                value = u_z[k]
-                for i in range(m):
-                    value -= row[i] * rows[2 * u, i]
-                deltas[p, which, k] = value
-                for j in range(k + 1):
-                    value = (
+                common = C_0[u + i, k] + a * C_image[u + i, k] + b * C_stop[u + i, k]
+                X[i, k] = common + c * G_own[u + i, k]
+                X[i, u + k] = common + c * G_absolute[u + i, k]
+            X[i, 2 * u] = u_z[u + i]
+        log_determinant = _factor(C, m, L)
+        for i in range(m):  # all columns at once: in vectors
+            for k in range(i):
+                factor = L[i, k]
+                for j in range(width):
+                    X[i, j] -= factor * X[k, j]
+            factor = L[i, i]
+            for j in range(width):
+                X[i, j] *= factor
+        square[:, :] = 0.0
+        for i in range(m):
+            for k in range(width):
+                factor = X[i, k]
+                for j in range(width):
+                    square[k, j] += factor * X[i, j]
+        fit[p] = square[2 * u, 2 * u]
+        log_weight[p] = log_prior[p] - 0.5 * (fit[p] + log_determinant)
+        for which in range(2):
+            G, at = (G_own, 0) if which == 0 else (G_absolute, u)
+            for k in range(u):
+                deltas[p, which, k] = u_z[k] - square[at + k, 2 * u]
+                for j in range(u):
+                    covariances[p, which, k, j] = (
                         C_0[k, j] + a * C_image[k, j] + b * C_stop[k, j] + c * G[k, j]
+                        - square[at + k, at + j]
                     )  # fmt: skip
-                    other = rows[which * u + j]
-                    for i in range(m):
-                        value -= row[i] * other[i]
-                    covariances[p, which, k, j] = value
-                    covariances[p, which, j, k] = value
 
 
 @_compiled
@@ -180,6 +241,7 @@ def moments(weight, deltas, covariances, to_theta, mean, covariance, means, sigm
     for p in range(count):
         largest = max(largest, weight[p])
     room = np.empty((7, u))
+    turned = np.ascontiguousarray(to_theta.T)
     mean[:] = 0.0
     covariance[:, :] = 0.0
     for p in range(count):
@@ -192,18 +254,19 @@ def moments(weight, deltas, covariances, to_theta, mean, covariance, means, sigm
             means[p, i] = value
             mean[i] += weight[p] * value
             for k in range(u):
-                value = 0.0
-                for j in range(u):
-                    value += to_theta[i, j] * covariances[p, j, k]
-                room[i, k] = value
-        for i in range(7):
-            for j in range(i + 1):
-                value = 0.0
+                room[i, k] = 0.0
+            for j in range(u):
+                factor = to_theta[i, j]
                 for k in range(u):
-                    value += room[i, k] * to_theta[j, k]
-                covariance[i, j] += weight[p] * value
-                if i == j:
-                    sigmas[p, i] = math.sqrt(max(value, 0.0))
+                    room[i, k] += factor * covariances[p, j, k]
+        for i in range(7):
+            variance = 0.0
+            for k in range(u):
+                variance += room[i, k] * to_theta[i, k]
+                factor = weight[p] * room[i, k]
+                for j in range(i + 1):
+                    covariance[i, j] += factor * turned[k, j]
+            sigmas[p, i] = math.sqrt(max(variance, 0.0))
     for p in range(count):
         if weight[p] < _NEGLIGIBLE * largest:
             continue
@@ -262,7 +325,7 @@ def half_widths(weight, means, sigmas, mean, covariance, level, widths):
             new = width - step
             if not (low < new < high):
                 new = 0.5 * (low + high)
-            if abs(new - width) < 1e-5 * sigma:
+            if abs(new - width) < 1e-4 * sigma:  # what is left is the square of it
                 width = new
                 break
             width = new

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from omm_core.numerics.linear_algebra import inverse
 from omm_core.part_pose.adjustment import Adjustment, predictions
-from omm_core.part_pose.grid_kernels import smooth_covariance
+from omm_core.part_pose.grid_kernels import smooth_covariance, split_rows
 from omm_core.part_pose.kernels import predict_all
 from omm_core.part_pose.problem import Indices, Problem, SolveOptions
 
@@ -193,15 +193,9 @@ def _whitening(information: Array) -> Array:
 
 def _split(design: Array) -> Array:
     """Return (P, K) of a design (n, u), (n, n)."""
-    u = design.shape[1]
-    scale = np.linalg.norm(design, axis=0)
-    if not np.all(scale > 0.0):
+    split = np.empty((len(design), len(design)))
+    if len(design) < design.shape[1] or not split_rows(np.ascontiguousarray(design), split):
         raise np.linalg.LinAlgError("the observations do not determine all unknowns")
-    Q, R = np.linalg.qr(design / scale, mode="complete")
-    if np.abs(np.diag(R)).min() < 1e-9:
-        raise np.linalg.LinAlgError("the observations do not determine all unknowns")
-    split = np.ascontiguousarray(Q.T)
-    split[:u] = np.linalg.solve(R[:u], split[:u]) / scale[:, None]
     return split
 
 
