@@ -13,6 +13,7 @@ CORE = {"omm_core"}
 ALLOWED = {
     "omm_core": CORE,
     "omm_simulation": CORE | {"omm_simulation"},
+    "omm_kernels": CORE | {"omm_simulation", "omm_kernels"},
     "omm_recording": CORE | {"omm_recording"},
     "omm_runs": CORE | {"omm_recording", "omm_runs"},
     "omm_report": CORE | {"omm_recording", "omm_runs", "omm_report"},
@@ -25,7 +26,7 @@ ALLOWED = {
     "omm_operator": CORE
     | {"omm_operator", "omm_report", "omm_runs", "omm_recording", "omm_ros", "omm_interfaces"},
 }
-ROS_FREE = ("omm_core", "omm_simulation", "omm_recording", "omm_runs", "omm_report")
+ROS_FREE = ("omm_core", "omm_simulation", "omm_kernels", "omm_recording", "omm_runs", "omm_report")
 
 
 def imported_packages(package: str) -> set[str]:

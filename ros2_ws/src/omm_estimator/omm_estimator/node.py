@@ -38,7 +38,9 @@ from omm_ros.frames import prefixed
 from omm_ros.lifecycle import transition
 from omm_ros.node_main import run_node
 from omm_ros.parameters import declare, watch
+from omm_ros.preparing import while_preparing
 
+_PREPARING = "preparing: numerical kernels are loaded or compiled"
 _SETTLE_PERIOD_S = 0.02
 # Times what the last update took: after thousands of images, not every one gets its own.
 _PAUSE = 4.0
@@ -73,9 +75,10 @@ class EstimatorNode(LifecycleNode):
         # Never on /tf_static: what was latched there would outlive the clamping.
         self._frames = self.create_publisher(TFMessage, topics.TF, qos.STATE)
         self._camera_frame = self.create_publisher(TFMessage, topics.TF_STATIC, qos.LATCHED)
-        diagnostics = Diagnostics(self)
-        diagnostics.add("images", self._image_health)
-        diagnostics.add("estimate", self._estimate_health)
+        self._preparing = ""
+        self._diagnostics = Diagnostics(self)
+        self._diagnostics.add("images", self._image_health)
+        self._diagnostics.add("estimate", self._estimate_health)
         watch(self, self._p, self._on_parameters)
 
     # --- transitions ---------------------------------------------------------------------------
@@ -86,8 +89,9 @@ class EstimatorNode(LifecycleNode):
         if self._p.machine_file:
             self._machine = load_machine(self._p.machine_file).uncertainty
         self._begin(self._p.part_file)
-        warm_up_detection()
-        warm_up_estimation()
+        self._preparing = _PREPARING
+        while_preparing(self, _PREPARING, _load_kernels, self._diagnostics.publish)
+        self._preparing = ""
         self._inputs = [
             AdaptiveSubscription(self, Image, topics.IMAGE, self._on_image, qos.IMAGE),
             AdaptiveSubscription(self, PoseStamped, topics.SPINDLE_POSE, self._on_pose, qos.POSE),
@@ -331,6 +335,8 @@ class EstimatorNode(LifecycleNode):
         )
 
     def _estimate_health(self) -> Health:
+        if self._preparing:
+            return Health(level=WARN, message=self._preparing)
         result = self._last
         if result is None or not result.images:
             return Health(level=OK, message="no image yet")
@@ -339,6 +345,11 @@ class EstimatorNode(LifecycleNode):
         if result.findings:
             return Health(level=ERROR, message="; ".join(result.findings))
         return Health(message=f"determined, residuals {result.solution.rms_px:.4f} px RMS")
+
+
+def _load_kernels() -> None:
+    warm_up_detection()
+    warm_up_estimation()
 
 
 def main(args: list[str] | None = None) -> int:

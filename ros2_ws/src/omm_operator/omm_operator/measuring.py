@@ -80,13 +80,16 @@ def measure_alone(
 
 def _start_program(node: Node, check_alive: Callable[[], None]) -> None:
     start = node.create_client(Trigger, "cnc_bridge/start_program")
-    camera = _CameraHealth(node)
+    camera = _Health(node)
     deadline = time.monotonic() + _READY_S
     while missing := _not_ready(node, start, camera):
         rclpy.spin_once(node, timeout_sec=_POLL_S)
         check_alive()
+        if camera.preparing_s is not None:  # for as long as somebody says that it goes on
+            deadline = max(deadline, camera.preparing_s + _READY_S)
         if time.monotonic() > deadline:
-            raise MeasurementError(f"Waited {_READY_S:.0f} s for {missing}.")
+            said = f" It said: {camera.problem}" if camera.problem and "camera" in missing else ""
+            raise MeasurementError(f"Waited {_READY_S:.0f} s for {missing}.{said}")
     answer = start.call_async(Trigger.Request())
     rclpy.spin_until_future_complete(node, answer, timeout_sec=_READY_S)
     if not answer.done() or not answer.result().success:
@@ -94,11 +97,13 @@ def _start_program(node: Node, check_alive: Callable[[], None]) -> None:
         raise MeasurementError(f"The control did not start its program: {why}.")
 
 
-class _CameraHealth:
-    """What the camera node says of its connection."""
+class _Health:
+    """What the camera says of its connection, and whether somebody is still preparing."""
 
     def __init__(self, node: Node) -> None:
         self.is_connected = False
+        self.problem = ""
+        self.preparing_s: float | None = None
         self._line = line_name(f"{node.get_namespace().rstrip('/')}/camera", "connection")
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
 
@@ -106,9 +111,12 @@ class _CameraHealth:
         for status in message.status:
             if status.name == self._line:
                 self.is_connected = status.level == DiagnosticStatus.OK
+                self.problem = "" if self.is_connected else status.message
+            if status.message.startswith("preparing"):
+                self.preparing_s = time.monotonic()
 
 
-def _not_ready(node: Node, start: Client, camera: _CameraHealth) -> str:
+def _not_ready(node: Node, start: Client, camera: _Health) -> str:
     """What is still missing before the program may start; empty when nothing is."""
     if not start.service_is_ready():
         return "the CNC bridge"

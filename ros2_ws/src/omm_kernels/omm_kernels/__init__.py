@@ -1,0 +1,1 @@
+"""Numerical kernels, compiled when the workspace is built: no measurement waits for a compiler."""
