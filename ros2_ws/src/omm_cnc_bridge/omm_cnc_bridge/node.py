@@ -170,7 +170,8 @@ class CncBridgeNode(Node):
         for note in judged.sample.notes:
             if note not in self._notes:
                 self._notes.add(note)
-                self.get_logger().info(note)
+                log = self.get_logger()
+                (log.warning if "NOT ENCRYPTED" in note else log.info)(note)
         words = self._refusals.hear(judged.refused, time.monotonic())
         if words:
             self.get_logger().warning(words)

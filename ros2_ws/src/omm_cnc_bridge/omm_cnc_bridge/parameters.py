@@ -130,11 +130,20 @@ class Parameters:
     opcua_user: str = parameter("", "OPC UA: user; empty logs in as nobody.")
     opcua_password_file: str = parameter("", "OPC UA: file that holds the user's password.")
     opcua_certificate_file: str = parameter(
-        "", "OPC UA: our certificate (DER or PEM); with it, messages are signed and encrypted."
+        "",
+        "OPC UA: our certificate (DER or PEM); empty makes one, ~/.local/share/omm/opcua/omm.der.",
     )
     opcua_private_key_file: str = parameter("", "OPC UA: the certificate's private key (PEM).")
     opcua_server_certificate_file: str = parameter(
-        "", "OPC UA: the server's certificate; empty takes the one that it offers."
+        "",
+        "OPC UA: the server's certificate; empty takes the one that it offers at first, and no "
+        "other later (~/.local/share/omm/opcua/known_servers.json).",
+    )
+    opcua_allow_unencrypted: bool = parameter(
+        False, "OPC UA: use the server's plain endpoint although it offers an encrypted one."
+    )
+    opcua_allow_password_unencrypted: bool = parameter(
+        False, "OPC UA: send user and password over a plain channel, where anybody can read them."
     )
 
     mtconnect_url: str = parameter("http://127.0.0.1:5000", "MTConnect: address of the agent.")

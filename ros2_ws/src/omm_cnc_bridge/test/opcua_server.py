@@ -19,7 +19,11 @@ AXES = {"X": ("MMT", "mm"), "Y": ("MMT", "mm"), "B": ("DD", "°")}
 
 
 class OneUser(UserManager):
+    def __init__(self) -> None:
+        self.asked: list[tuple[str | None, str | None]] = []
+
     def get_user(self, iserver, username=None, password=None, certificate=None):
+        self.asked.append((username, password))
         good = (username, password) == ("omm", "secret")
         return User(role=UserRole.Admin) if good else None
 
@@ -28,7 +32,8 @@ class OpcUaTestServer:
     """Runs in a thread; ``positions`` and ``commanded`` are what it says, at ``period_s``."""
 
     def __init__(self, port: int, *, period_s: float = 0.01, clock_s: float = 0.0, login=False,
-                 certificate: Path | None = None, key: Path | None = None) -> None:  # fmt: skip
+                 certificate: Path | None = None, key: Path | None = None,
+                 plain_too: bool = False) -> None:  # fmt: skip
         self.url = f"opc.tcp://127.0.0.1:{port}/cnc"
         self.positions = dict.fromkeys(AXES, 0.0)
         self.commanded = dict.fromkeys(AXES, 0.0)
@@ -46,6 +51,8 @@ class OpcUaTestServer:
         self.hang = False
         self._period_s, self._login = period_s, login
         self._certificate, self._key = certificate, key
+        self._plain_too = plain_too
+        self.users = OneUser()
         self._stop = threading.Event()
         self._ready = threading.Event()
         self._thread = threading.Thread(target=lambda: asyncio.run(self._run()), daemon=True)
@@ -60,12 +67,13 @@ class OpcUaTestServer:
         self._thread.join(10.0)
 
     async def _run(self) -> None:
-        server = Server(user_manager=OneUser() if self._login else None)
+        server = Server(user_manager=self.users if self._login else None)
         await server.init()
         server.set_endpoint(self.url)
         if self._certificate is not None:
             server.set_security_policy(
-                [ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt],
+                [ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt]
+                + [ua.SecurityPolicyType.NoSecurity] * self._plain_too,
                 permission_ruleset=SimpleRoleRuleset(),
             )
             await server.load_certificate(str(self._certificate))

@@ -1,5 +1,6 @@
 """The OPC UA adapter against servers over real connections: asyncua's, and node-opcua's."""
 
+import hashlib
 import math
 import socket
 import time
@@ -17,7 +18,8 @@ import node_opcua  # noqa: E402
 from opcua_server import OpcUaTestServer  # noqa: E402
 
 from omm_cnc_bridge.control import Mode, ProgramState  # noqa: E402
-from omm_cnc_bridge.controls.opcua.control import OpcUaControl, Security  # noqa: E402
+from omm_cnc_bridge.controls.opcua.control import OpcUaControl  # noqa: E402
+from omm_cnc_bridge.controls.opcua.logging_in import Security  # noqa: E402
 from omm_cnc_bridge.controls.opcua.mapping import load_mapping  # noqa: E402
 
 CONTROLS = Path(__file__).parents[1] / "controls"
@@ -149,20 +151,78 @@ def test_a_server_that_goes_away_is_noticed_and_found_again():
         control.close()
 
 
-def test_user_and_password(tmp_path):
+@pytest.fixture(autouse=True)
+def own_data_folder(tmp_path, monkeypatch):
+    """Our certificate and the servers we know are those of the test."""
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+
+
+def connected(server, **options):
+    """What a control with these options says when it has heard a sample."""
+    control = OpcUaControl(server.url, rate_hz=100, security=Security(**options))
+    try:
+        control.connect()
+        return read(control, 5.0, lambda s: True)[-1].notes
+    finally:
+        control.close()
+
+
+def test_user_and_password_go_over_a_plain_channel_only_where_that_is_allowed(tmp_path):
     secret = tmp_path / "password"
     secret.write_text("secret\n")
+    given = {"user": "omm", "password_file": str(secret)}
     with OpcUaTestServer(free_port(), login=True) as server:
-        for user, works in (("omm", True), ("nobody", False)):
-            security = Security(user=user, password_file=str(secret))
-            control = OpcUaControl(server.url, rate_hz=100, security=security)
-            if works:
-                control.connect()
-                assert read(control, 5.0, lambda s: True)
-            else:
-                with pytest.raises(DeviceError, match=r"(?i)user|identity|access"):
-                    control.connect()
-            control.close()
+        with pytest.raises(DeviceError, match=r"(?i)user|identity|access"):
+            connected(server, **given)
+        assert not any(name or password for name, password in server.users.asked)
+        notes = connected(server, **given, allow_password_unencrypted=True)
+        assert any("NOT ENCRYPTED" in note for note in notes)
+        with pytest.raises(DeviceError, match=r"(?i)user|identity|access"):
+            connected(server, **(given | {"user": "nobody"}), allow_password_unencrypted=True)
+    with OpcUaTestServer(free_port()) as server:  # lets everybody in
+        notes = connected(server, **given)
+    assert any("as nobody, not as omm" in note for note in notes)
+
+
+def test_what_is_offered_encrypted_is_used_encrypted_with_a_certificate_of_our_own(tmp_path):
+    theirs, their_key = _certificate(tmp_path, "control")
+    secret = tmp_path / "password"
+    secret.write_text("secret\n")
+    given = {"user": "omm", "password_file": str(secret)}
+    with OpcUaTestServer(
+        free_port(), certificate=theirs, key=their_key, plain_too=True, login=True
+    ) as server:
+        notes = connected(server, **given)
+        assert not any("NOT ENCRYPTED" in note for note in notes)
+        shown = hashlib.sha256(theirs.read_bytes()).hexdigest()
+        assert any(shown in note for note in notes)
+        assert ("omm", "secret") in server.users.asked
+        assert not any("first time" in note for note in connected(server, **given))
+        server.users.asked.clear()
+        with pytest.raises(DeviceError):  # as nobody
+            connected(server, **given, allow_unencrypted=True)
+        assert not any(name or password for name, password in server.users.asked)
+    key = tmp_path / "data" / "omm" / "opcua" / "omm.pem"
+    assert key.stat().st_mode & 0o077 == 0
+
+
+def test_a_server_that_is_another_one_now_is_refused(tmp_path):
+    port = free_port()
+    (theirs, their_key), (others, other_key) = (
+        _certificate(tmp_path, name) for name in ("control", "other")
+    )
+    with OpcUaTestServer(port, certificate=theirs, key=their_key) as server:
+        connected(server)
+        with pytest.raises(InputError, match="another certificate"):
+            connected(server, server_certificate_file=str(others))
+    with OpcUaTestServer(port, certificate=others, key=other_key) as server:
+        with pytest.raises(InputError, match="in between"):
+            connected(server)
+        connected(server, server_certificate_file=str(others))
+    with OpcUaTestServer(port) as server:
+        with pytest.raises(InputError, match="expected the encrypted endpoint"):
+            connected(server)
+        connected(server, allow_unencrypted=True)
 
 
 def _certificate(folder: Path, name: str) -> tuple[Path, Path]:
@@ -185,10 +245,8 @@ def test_signed_and_encrypted_with_basic256sha256(tmp_path):
     theirs, their_key = _certificate(tmp_path, "control")
     ours, our_key = _certificate(tmp_path, "omm")
     with OpcUaTestServer(free_port(), certificate=theirs, key=their_key) as server:
-        plain = OpcUaControl(server.url, rate_hz=100)
-        with pytest.raises(DeviceError):
-            plain.connect()
-        plain.close()
+        with pytest.raises(InputError, match="it offers SignAndEncrypt"):
+            connected(server, allow_unencrypted=True)
         security = Security(certificate_file=str(ours), private_key_file=str(our_key))
         control = OpcUaControl(server.url, rate_hz=100, security=security)
         control.connect()

@@ -48,7 +48,8 @@ def _linuxcnc(p: Parameters) -> Control:
 
 def _opcua(p: Parameters) -> Control:
     try:
-        from omm_cnc_bridge.controls.opcua.control import OpcUaControl, Security
+        from omm_cnc_bridge.controls.opcua.control import OpcUaControl
+        from omm_cnc_bridge.controls.opcua.logging_in import Security
     except ImportError as error:
         raise InputError(f"Expected asyncua for OPC UA: pip install asyncua ({error}).") from error
     security = Security(
@@ -57,6 +58,8 @@ def _opcua(p: Parameters) -> Control:
         certificate_file=p.opcua_certificate_file,
         private_key_file=p.opcua_private_key_file,
         server_certificate_file=p.opcua_server_certificate_file,
+        allow_unencrypted=p.opcua_allow_unencrypted,
+        allow_password_unencrypted=p.opcua_allow_password_unencrypted,
     )
     return OpcUaControl(
         p.opcua_url, rate_hz=p.rate_hz, mapping_file=p.opcua_mapping_file, security=security

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import struct
 import subprocess
 import sys
@@ -121,6 +122,8 @@ def load_faces(path: Path, root: Path | None = None) -> tuple[Face, ...]:
 def _from_mesh(path: Path) -> tuple[Face, ...]:
     import trimesh
 
+    # It logs the tracebacks of what it then tries otherwise.
+    logging.getLogger("trimesh").setLevel(logging.CRITICAL)
     try:
         mesh: Any = trimesh.load(path, force="mesh")
     except (Exception, MemoryError) as error:  # the library's errors have no common base

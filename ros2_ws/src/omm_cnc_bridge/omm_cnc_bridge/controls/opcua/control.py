@@ -12,12 +12,12 @@ import logging
 import queue
 import threading
 from collections.abc import Coroutine, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
 from omm_cnc_bridge.clock import ControlClock
 from omm_cnc_bridge.control import ControlSample, WorkOffset
+from omm_cnc_bridge.controls.opcua.logging_in import Security
 from omm_cnc_bridge.controls.opcua.mapping import Mapping40502, load_mapping
 from omm_cnc_bridge.controls.opcua.session import Session
 from omm_core.errors import DeviceError, InputError
@@ -26,26 +26,6 @@ T = TypeVar("T")
 CONNECT_TIMEOUT_S = 20.0
 OFFSET_TIMEOUT_S = 5.0
 SILENCE_S = 5.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class Security:
-    """How we log in; all empty is anonymous and unencrypted."""
-
-    user: str = ""
-    password_file: str = ""
-    certificate_file: str = ""
-    private_key_file: str = ""
-    server_certificate_file: str = ""
-
-    def password(self) -> str:
-        """Raises InputError where the file cannot be read."""
-        if not self.password_file:
-            return ""
-        try:
-            return Path(self.password_file).read_text(encoding="utf-8").strip()
-        except OSError as error:
-            raise InputError(f"Expected a password in {self.password_file}: {error}.") from error
 
 
 class OpcUaControl:
@@ -83,7 +63,7 @@ class OpcUaControl:
         session = Session(
             self._url,
             self._mapping,
-            self._security.__dict__ | {"password": self._security.password()},
+            self._security,
             interval_s=1.0 / self._rate_hz,
             clock=self.clock,
             put=self._samples.put,

@@ -16,11 +16,11 @@ from collections.abc import Callable
 from typing import Any
 
 from asyncua import Client, Node, ua
-from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 
 from omm_cnc_bridge.clock import ControlClock, ros_from_monotonic_ns
 from omm_cnc_bridge.control import ControlSample, Mode, ProgramState, WorkOffset
 from omm_cnc_bridge.controls.opcua import offsets
+from omm_cnc_bridge.controls.opcua.logging_in import Security, log_in
 from omm_cnc_bridge.controls.opcua.mapping import (
     ANGLE_UNITS,
     TWICE,
@@ -71,12 +71,14 @@ class Session:
         self,
         url: str,
         mapping: Mapping40502,
-        security: dict[str, str],
+        security: Security,
         *,
         interval_s: float,
         clock: ControlClock,
         put: Callable[[ControlSample | DeviceError], None],
     ) -> None:
+        self._url = url
+        self._notes: tuple[str, ...] = ()
         self._client = Client(url, timeout=4.0, watchdog_intervall=2.0)
         self._mapping, self._security = mapping, security
         self._interval_s = self.revised_interval_s = interval_s
@@ -100,7 +102,8 @@ class Session:
 
     async def open(self) -> None:
         """Connect, find the nodes, subscribe."""
-        await self._log_in()
+        self._notes = await log_in(self._client, self._url, self._security)
+        await self._client.load_data_type_definitions()
         self._client.connection_lost_callback = self._on_lost
         axes = dict(self._mapping.axes) or await self._browse_axes()
         nodes: dict[_Key, Node] = {}
@@ -135,21 +138,6 @@ class Session:
         return offsets.offset_of(name, await offsets.read(nodes), mapped)
 
     # --- connecting ----------------------------------------------------------------------------
-
-    async def _log_in(self) -> None:
-        s = self._security
-        if s["user"]:
-            self._client.set_user(s["user"])
-            self._client.set_password(s["password"])
-        if s["certificate_file"]:
-            await self._client.set_security(
-                SecurityPolicyBasic256Sha256,
-                certificate=s["certificate_file"],
-                private_key=s["private_key_file"],
-                server_certificate=s["server_certificate_file"] or None,
-            )
-        await self._client.connect()
-        await self._client.load_data_type_definitions()
 
     async def _on_lost(self, error: Exception) -> None:
         self._put(DeviceError(f"OPC UA: the connection is lost ({error!r})."))
@@ -402,7 +390,8 @@ class Session:
                 stamp_uncertainty_ns=round(math.hypot(clock_ns, spread_ns)),
                 positions=positions,
                 unusable=unusable,
-                notes=tuple(
+                notes=self._notes
+                + tuple(
                     f"axis {axis}: {choice.name} is used, {choice.why}"
                     for axis, choice in self._chosen.items()
                     if choice.name
