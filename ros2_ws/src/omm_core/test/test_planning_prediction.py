@@ -1,5 +1,7 @@
 """The predicted covariance is what a solver that knows all noise has, and what errors then show."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from known_noise import KnownNoise, solve_knowing_all
@@ -19,10 +21,8 @@ def planned(cell, stops=10, seed=3):
     by_target = [np.flatnonzero(candidates.aimed_at == row) for row in range(4)]
     chosen = [int(random.choice(by_target[i % 4])) for i in range(stops)]
     spindles = [candidates.spindles[i] for i in chosen]
-    visible = candidates.views.visible[chosen]
-    views = type(candidates.views)(
-        visible=visible, diameter_px=np.maximum(candidates.views.diameter_px[chosen], 74.0)
-    )
+    views = candidates.views.only(np.array(chosen))
+    views = dataclasses.replace(views, diameter_px=np.maximum(views.diameter_px, 74.0))
     return spindles, views
 
 

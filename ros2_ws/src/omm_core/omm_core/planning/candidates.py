@@ -13,7 +13,7 @@ from omm_core.errors import InputError
 from omm_core.geometry import RigidTransform
 from omm_core.planning.collision import CLEARANCE_MM, clearance_mm
 from omm_core.planning.scene import Scene
-from omm_core.planning.views import SMALLEST_DOT_PX, Views, views
+from omm_core.planning.views import SMALLEST_DOT_PX, Views, focal_px, views
 
 Array = NDArray[np.float64]
 
@@ -84,7 +84,7 @@ def find_candidates(
     candidates = Candidates(
         axes=tuple(axes[i] for i in kept),
         spindles=tuple(spindles[i] for i in kept),
-        views=Views(visible=all_views.visible[kept], diameter_px=all_views.diameter_px[kept]),
+        views=all_views.only(kept),
         aimed_at=np.array(aimed, dtype=np.int64)[kept],
     )
     unseen = set(why) - set(np.flatnonzero(candidates.views.visible.any(axis=0)).tolist())
@@ -185,12 +185,12 @@ def _places(scene: Scene, rotation: Array, row: int) -> Array:
 
 def _distances(scene: Scene, row: int) -> Array:
     """Return distances along the optical axis to be tried, from near to far."""
-    focal_px = _focal_px(scene)
+    focal = focal_px(scene)
     target = scene.part.targets[row]
-    farthest = 0.95 * focal_px * target.dot_diameter_mm / SMALLEST_DOT_PX
+    farthest = 0.95 * focal * target.dot_diameter_mm / SMALLEST_DOT_PX
     ring_mm = scene.ring_ratio() * target.dot_diameter_mm + 2.0 * scene.play_mm
     smaller_side = min(scene.calibration.width_px, scene.calibration.height_px)
-    nearest = max(NEAREST_MM, focal_px * ring_mm / (0.6 * smaller_side))
+    nearest = max(NEAREST_MM, focal * ring_mm / (0.6 * smaller_side))
     focus = scene.calibration.imaging.focus_mm
     if focus is not None:
         margin = min(1.001 * scene.play_mm, 0.26 * (focus[1] - focus[0]))
@@ -200,15 +200,10 @@ def _distances(scene: Scene, row: int) -> Array:
     return np.geomspace(nearest, farthest, _DISTANCES if focus is not None else _DISTANCES + 1)
 
 
-def _focal_px(scene: Scene) -> float:
-    parameters = scene.calibration.lens.kernel_parameters()
-    return float(min(parameters[1], parameters[2]))
-
-
 def _ring_radius_px(scene: Scene, row: int, distance_mm: float) -> float:
     diameter = scene.ring_ratio() * scene.part.targets[row].dot_diameter_mm
     diameter += 2.0 * scene.play_mm
-    return 1.15 * 0.5 * diameter * _focal_px(scene) / distance_mm
+    return 1.15 * 0.5 * diameter * focal_px(scene) / distance_mm
 
 
 def _reach(scene: Scene, rotary: Mapping[str, float], place_mm: Array) -> Mapping[str, float] | str:

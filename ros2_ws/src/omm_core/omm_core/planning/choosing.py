@@ -18,11 +18,13 @@ from omm_core.planning.wish import Yardstick
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+_MARGIN_ENOUGH_MM = 50.0
 TWICE = 2
 """How often each target is seen at least."""
 _PASSES = 6
 _GAIN = 0.002  # smaller gains of an exchange are not worth another pass
 _BATCH_ELEMENTS = 3_000_000
+_WORK = 2_000_000  # elements of all matrices of an exchange's stops
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -32,10 +34,13 @@ class Pool:
     Attributes
     ----------
     visible : (C, T) array of bool
+    margin_mm : (C,) array
+        How much farther the part may lie elsewhere before a stop loses a target.
     """
 
     designs: Designs
     visible: NDArray[np.bool_]
+    margin_mm: Array
     noise: Noise
     yardstick: Yardstick
 
@@ -69,7 +74,7 @@ def cover_twice(pool: Pool) -> Indices:
     missing = np.where(seeable, TWICE, 0)
     chosen: list[int] = []
     while np.any(missing > 0):
-        gain = pool.visible @ (missing > 0)
+        gain = pool.visible.astype(int) @ (missing > 0).astype(int)
         gain = np.where(np.isin(np.arange(len(gain)), chosen), 0, gain)
         if gain.max(initial=0) == 0:
             break  # only one stop sees it
@@ -109,6 +114,26 @@ def exchange(pool: Pool, chosen: Indices, passes: int = _PASSES) -> Indices:
     return chosen
 
 
+def settle(pool: Pool, chosen: Indices, limit: float) -> Indices:
+    """Return the set after stops were exchanged for such as lose no target so soon.
+
+    As long as the score stays within a limit: U at the border of the image is bought dearly where
+    the part then lies elsewhere.
+    """
+    margin = np.minimum(pool.margin_mm, _MARGIN_ENOUGH_MM)
+    for position in [*range(len(chosen))] * 2:
+        allowed = _allowed(pool, np.delete(chosen, position), chosen[position])
+        allowed = allowed[margin[allowed] >= margin[chosen[position]]]
+        sets = np.repeat(chosen[None], len(allowed), axis=0)
+        sets[:, position] = allowed
+        scores = pool.yardstick.score(pool.covariances(sets))
+        good = np.flatnonzero(scores <= limit)
+        if len(good):
+            best = good[np.lexsort((scores[good], -np.round(margin[allowed[good]], 1)))[0]]
+            chosen = sets[best].copy()
+    return chosen
+
+
 def _allowed(pool: Pool, others: Indices, present: int) -> Indices:
     """Return stops that, in place of one, leave every target seen as often as is needed.
 
@@ -121,7 +146,12 @@ def _allowed(pool: Pool, others: Indices, present: int) -> Indices:
     free = ~np.isin(np.arange(len(fits)), others)
     fits &= alike & free
     fits[present] = True
-    return np.flatnonzero(fits)
+    allowed = np.flatnonzero(fits)
+    most = int(max(40, _WORK / (len(others) + 1) ** 2 / pool.designs.A.shape[1] ** 2))
+    if len(allowed) > most:  # every so many of them: neighbours are much alike
+        spread = allowed[np.linspace(0, len(allowed) - 1, most).astype(int)]
+        allowed = np.union1d(spread, [present])
+    return allowed
 
 
 def add_best(pool: Pool, chosen: Indices) -> Indices:
@@ -129,5 +159,7 @@ def add_best(pool: Pool, chosen: Indices) -> Indices:
     others = np.setdiff1d(np.arange(len(pool.visible)), chosen)
     if not len(others):
         return chosen
+    most = int(max(100, 3 * _WORK / (len(chosen) + 1) ** 2 / pool.designs.A.shape[1] ** 2))
+    others = others[np.linspace(0, len(others) - 1, min(most, len(others))).astype(int)]
     sets = np.column_stack([np.repeat(chosen[None], len(others), axis=0), others])
     return np.asarray(sets[int(np.argmin(pool.scores(sets)))])

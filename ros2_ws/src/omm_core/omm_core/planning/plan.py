@@ -13,7 +13,7 @@ from omm_core.errors import MeasurementError
 from omm_core.files.machine import Machine
 from omm_core.geometry import RigidTransform
 from omm_core.planning.candidates import Candidates, find_candidates, rotary_positions
-from omm_core.planning.choosing import TWICE, Pool, add_best, cover_twice, exchange
+from omm_core.planning.choosing import TWICE, Pool, add_best, cover_twice, exchange, settle
 from omm_core.planning.prediction import designs
 from omm_core.planning.scene import Scene
 from omm_core.planning.sensitivity import Elsewhere, lies_elsewhere
@@ -27,7 +27,8 @@ Indices = NDArray[np.int64]
 
 MOST_IMAGES_PER_TARGET = 6
 _PLAYS_MM = (10.0, 3.0, 0.5)
-_NO_GAIN = 0.01  # by one image more
+_GIVEN_UP = 0.1  # of U, for stops that lose targets less easily
+_NO_GAIN = 0.02  # by one image more
 _PATIENCE = 2
 
 
@@ -156,6 +157,7 @@ def _choose(scene: Scene, candidates: Candidates, wish: Wish) -> tuple[Pool, Ind
     pool = Pool(
         designs=designs(scene, candidates.spindles, candidates.views),
         visible=candidates.views.visible,
+        margin_mm=candidates.views.margin_mm,
         noise=scene.noise,
         yardstick=Yardstick.of(scene, wish),
     )
@@ -169,7 +171,18 @@ def _choose(scene: Scene, candidates: Candidates, wish: Wish) -> tuple[Pool, Ind
         chosen = exchange(pool, add_best(pool, chosen), passes=2)
         helps = _shortfall(pool, chosen, wish) < (1.0 - _NO_GAIN) * _shortfall(pool, best, wish)
         best, wait = (chosen, 0) if helps else (best, wait + 1)
-    return pool, best
+    return pool, _settled(pool, best, wish)
+
+
+def _settled(pool: Pool, chosen: Indices, wish: Wish) -> Indices:
+    """Return stops that lose targets less easily, for a little of U; the wish stays reached."""
+    best = pool.score(chosen)
+    limit = best * (1.0 + _GIVEN_UP)
+    if wish.of_pose and best <= 1.0:
+        limit = min(limit, 1.0)
+    settled = settle(pool, chosen, limit)
+    keeps = _shortfall(pool, settled, wish) <= max(1.0, _shortfall(pool, chosen, wish))
+    return settled if keeps else chosen
 
 
 def _shortfall(pool: Pool, chosen: Indices, wish: Wish) -> float:

@@ -31,10 +31,22 @@ class Views:
     visible : (S, T) array of bool
     diameter_px : (S, T) array
         Of the dot's image: the smaller diameter.
+    margin_mm : (S,) array
+        How much farther than ``play_mm`` all targets in view may lie elsewhere: along the optical
+        axis as far as the focus goes, across it until one leaves the image.
     """
 
     visible: NDArray[np.bool_]
     diameter_px: Array
+    margin_mm: Array
+
+    def only(self, stops: NDArray[np.int64]) -> Views:
+        """Return those of some stops."""
+        return Views(
+            visible=self.visible[stops],
+            diameter_px=self.diameter_px[stops],
+            margin_mm=self.margin_mm[stops],
+        )
 
 
 def views(scene: Scene, machine_T_spindles: Sequence[RigidTransform]) -> Views:
@@ -49,10 +61,31 @@ def views(scene: Scene, machine_T_spindles: Sequence[RigidTransform]) -> Views:
         np.asarray(scene.machine_T_part @ scene.circles(ratio, more_mm))
         for ratio, more_mm in ((_QUIET * scene.ring_ratio(), 2.0 * scene.play_mm), (1.0, 0.0))
     )
-    inside = _inside(scene, _pixels(scene, R, d, rings))
+    to_border = _to_border(scene, _pixels(scene, R, d, rings))
+    inside = to_border >= 0.0
     diameter = _smaller_diameter(_pixels(scene, R, d, dots))
     large = (diameter >= SMALLEST_DOT_PX) & (diameter <= LARGEST_DOT_PX)
-    return Views(visible=visible & inside & large, diameter_px=diameter)
+    visible = visible & inside & large
+    margin = np.minimum(to_border * centres[..., 2] / focal_px(scene), _focus_left(scene, centres))
+    return Views(
+        visible=visible,
+        diameter_px=diameter,
+        margin_mm=np.where(visible, margin, np.inf).min(axis=1, initial=np.inf),
+    )
+
+
+def focal_px(scene: Scene) -> float:
+    """Return the focal length in pixels, the shorter of the two."""
+    parameters = scene.calibration.lens.kernel_parameters()
+    return float(min(parameters[1], parameters[2]))
+
+
+def _focus_left(scene: Scene, centres: Array) -> Array:
+    focus = scene.calibration.imaging.focus_mm
+    if focus is None:
+        return np.full(centres.shape[:2], np.inf)
+    depth = centres[..., 2]
+    return np.asarray(np.minimum(depth - focus[0], focus[1] - depth) - scene.play_mm)
 
 
 def _in_focus(scene: Scene, centres: Array) -> NDArray[np.bool_]:
@@ -80,10 +113,11 @@ def _pixels(scene: Scene, R: Array, d: Array, circles: Array) -> Array:
     return np.asarray(flat.reshape(*points.shape[:3], 2))
 
 
-def _inside(scene: Scene, pixels: Array) -> NDArray[np.bool_]:
+def _to_border(scene: Scene, pixels: Array) -> Array:
+    """Return how far inside of the image circles lie, (S, T) px; negative where they are not."""
     size = np.array([scene.calibration.width_px, scene.calibration.height_px])
-    within = (pixels >= _EDGE_PX) & (pixels <= size - 1 - _EDGE_PX)
-    return np.asarray(within.all(axis=(2, 3)))
+    inside = np.minimum(pixels, size - 1 - pixels).min(axis=(2, 3)) - _EDGE_PX
+    return np.asarray(np.where(np.isnan(inside), -1.0, inside))
 
 
 def _smaller_diameter(pixels: Array) -> Array:
