@@ -8,7 +8,8 @@ the camera would see with nothing about the machine told. A line is one cell:
     refused   runs without a solution
     lost      clean runs in which anything was left out (false alarms)
     inside    share of errors inside U in percent: all parameters, and the worst one
-    width     U over that of a solver that knows all noise: all parameters, and the worst one
+    width     U over that of a solver that knows all noise, mean over runs: all parameters, and
+              the worst one; median over runs of all parameters
     known     share of that solver's own errors inside its U: 95.45, or the harness is wrong
 
 Own: in the machine's own coordinates; absolute: in an ideal machine's. With --finds, also how
@@ -93,7 +94,8 @@ def row_of(tally):
         **{
             name: {
                 "inside": (tally.inside[k] / solved).tolist(),
-                "width": (tally.width[k] / solved).tolist(),
+                "width": mean_of(tally.widths[:, k]),
+                "median_width": median_of(tally.widths[:, k]),
                 "known_inside": (tally.known_inside[k] / tally.runs).tolist(),
             }
             for name, k in (("own", OWN), ("absolute", ABSOLUTE))
@@ -101,12 +103,24 @@ def row_of(tally):
     }
 
 
+def mean_of(widths):
+    """Return the mean of each parameter, NaN without runs."""
+    return widths.mean(axis=0).tolist() if len(widths) else [np.nan] * 7
+
+
+def median_of(widths):
+    """Return the median of each parameter, NaN without runs."""
+    return np.median(widths, axis=0).tolist() if len(widths) else [np.nan] * 7
+
+
 def print_table(rows, found, wrongs):
     """Print a line for each cell."""
     width = max(len(cell.name) for cell in rows)
-    print(f"{'':{width}}              own, inside % and width       absolute")
+    print(f"{'':{width}}              own, inside % and width              absolute")
     print(
-        f"{'cell':{width}} refused lost   all  worst  width  worst   all  worst  width  worst known"
+        f"{'cell':{width}} refused lost"
+        + "    all  worst  width  worst median" * 2
+        + " known"
         + "".join(f"  {wrong:>10}" for wrong in WRONGS if wrongs)
     )
     for cell, row in rows.items():
@@ -114,8 +128,9 @@ def print_table(rows, found, wrongs):
         for name in ("own", "absolute"):
             inside, ratio = 100.0 * np.array(row[name]["inside"]), np.array(row[name]["width"])
             numbers += [inside.mean(), inside.min(), ratio.mean(), ratio.max()]
+            numbers += [np.mean(row[name]["median_width"])]
         known = 100.0 * np.mean(row["own"]["known_inside"])
-        shown = "".join(f"{n:7.{d}f}" for n, d in zip(numbers, (1, 1, 2, 2) * 2))
+        shown = "".join(f"{n:7.{d}f}" for n, d in zip(numbers, (1, 1, 2, 2, 2) * 2))
         print(
             f"{cell.name:{width}} {row['refused']:7} {row['lost']:4}{shown}{known:6.1f}"
             + "".join(f"  {found[cell, w] / wrongs:10.3f}" for w in WRONGS if wrongs)
@@ -139,11 +154,14 @@ def print_summary(rows):
         inside = np.array([row["own"]["inside"] for row in chosen.values()])
         inside = np.nan_to_num(inside)  # refused is not inside
         widths = np.array([row["own"]["width"] for row in chosen.values()]).mean(axis=1)
+        medians = np.array([row["own"]["median_width"] for row in chosen.values()]).mean(axis=1)
         at = np.unravel_index(np.argmin(inside), inside.shape)
         print(
             f"own, {name}: worst inside {100 * inside[at]:.1f} % ({THETA_NAMES[at[1]]},"
             f" {list(chosen)[at[0]].name}); width median {np.nanmedian(widths):.2f},"
-            f" worst {np.nanmax(widths):.2f} ({list(chosen)[int(np.nanargmax(widths))].name})"
+            f" worst {np.nanmax(widths):.2f} ({list(chosen)[int(np.nanargmax(widths))].name});"
+            f" by the median of a cell's runs: {np.nanmedian(medians):.2f},"
+            f" worst {np.nanmax(medians):.2f}"
         )
         short = {c: r for c, r in chosen.items() if c.correlation <= 0.4 or c.geometry_um == 0}
         if short:

@@ -255,8 +255,8 @@ class Tally:
         Runs; of these without a solution; of these (clean ones) with anything left out.
     inside : (2, 7) array
         How many errors of own and absolute θ lay inside U.
-    width : (2, 7) array
-        Sum over runs of U over the U of a solver that knows all noise.
+    widths : (solved, 2, 7) array
+        U over the U of a solver that knows all noise, of each run that was solved.
     known_inside : (2, 7) array
         Errors of that solver inside its own U: what the harness itself is checked by.
     """
@@ -265,12 +265,13 @@ class Tally:
     refused: int
     lost: int
     inside: np.ndarray
-    width: np.ndarray
+    widths: np.ndarray
     known_inside: np.ndarray
 
     def __add__(self, other: Tally) -> Tally:
-        names = ("runs", "refused", "lost", "inside", "width", "known_inside")
-        return Tally(**{n: getattr(self, n) + getattr(other, n) for n in names})
+        names = ("runs", "refused", "lost", "inside", "known_inside")
+        widths = np.concatenate([self.widths, other.widths])
+        return Tally(widths=widths, **{n: getattr(self, n) + getattr(other, n) for n in names})
 
 
 def measure(cell: CoverageCell, seed: int) -> Tally:
@@ -294,7 +295,7 @@ def measure(cell: CoverageCell, seed: int) -> Tally:
         refused=int(not solution.determined),
         lost=int(not np.all(solution.used)),
         inside=inside,
-        width=width,
+        widths=width[None] if solution.determined else np.empty((0, 2, 7)),
         known_inside=known_inside.astype(float),
     )
 
