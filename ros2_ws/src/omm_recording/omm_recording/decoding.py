@@ -8,6 +8,7 @@ import numpy as np
 
 from omm_core.errors import InputError
 from omm_core.geometry import RigidTransform
+from omm_core.imaging.encodings import grey_image
 
 IMAGE_TYPE = "sensor_msgs/msg/Image"
 POSE_TYPE = "geometry_msgs/msg/PoseStamped"
@@ -82,26 +83,21 @@ def stamp_ns(message: Any) -> int:
 
 
 def image_pixels(message: Any) -> np.ndarray:
-    """The pixels of an image message: (height, width) uint8 or uint16, not copied if possible.
+    """The pixels of an image message: (height, width) uint8 or uint16, grey.
 
     Raises
     ------
     InputError
-        If it is not monochrome, or its sizes contradict each other.
+        If its encoding is not known, or its sizes contradict each other.
     """
-    kinds = {"mono8": "u1", "8UC1": "u1", "mono16": "u2", "16UC1": "u2"}
-    if message.encoding not in kinds:
-        raise InputError(f"Expected images in mono8 or mono16, got {message.encoding}.")
-    kind = np.dtype(kinds[message.encoding]).newbyteorder(">" if message.is_bigendian else "<")
-    data = np.asarray(message.data).reshape(-1)
-    height, width, step = int(message.height), int(message.width), int(message.step)
-    if step < width * kind.itemsize or data.size < height * step or step % kind.itemsize:
-        raise InputError(
-            f"Expected {height} rows of at least {width * kind.itemsize} bytes, got rows of {step} "
-            f"in {data.size} bytes: the image is damaged."
-        )
-    pixels = data[: height * step].view(kind).reshape(height, step // kind.itemsize)[:, :width]
-    return pixels if pixels.dtype.isnative else pixels.astype(pixels.dtype.newbyteorder("="))
+    return grey_image(
+        np.asarray(message.data),
+        message.encoding,
+        height_px=int(message.height),
+        width_px=int(message.width),
+        step_bytes=int(message.step),
+        big_endian=bool(message.is_bigendian),
+    )
 
 
 def machine_T_spindle(message: Any) -> RigidTransform:

@@ -31,6 +31,13 @@ class RecordedMessage(NamedTuple):
     """Serialised (CDR)."""
 
 
+# Compressed images have lost what their codec found unimportant: that decides a dot's centre.
+_ADVICE = {
+    "sensor_msgs/msg/CompressedImage": " Record the raw images beside them and name their topic "
+    "(--image-topic); a lossless recording can be unpacked with image_transport's republish."
+}
+
+
 @dataclass(frozen=True, kw_only=True)
 class Topic:
     """What the recording says of one topic."""
@@ -97,7 +104,8 @@ class Recording:
                 f"got none. It holds: {there}."
             )
         if found.type_name != type_name:
-            raise InputError(f"Expected {type_name} on {topic}, got {found.type_name}.")
+            advice = _ADVICE.get(found.type_name, "")
+            raise InputError(f"Expected {type_name} on {topic}, got {found.type_name}.{advice}")
 
     def messages(
         self,

@@ -179,9 +179,9 @@ def decoded(tmp_path: Path, messages: Any, samples: Any, data: bytes) -> np.ndar
         return image_pixels(recording.decode(next(recording.messages())))
 
 
-def test_colour_images_are_refused(tmp_path: Path, messages: Any, samples: Any) -> None:
-    data = messages.image(5, np.zeros((4, 12), np.uint8), "rgb8")
-    with pytest.raises(InputError, match="mono8 or mono16, got rgb8"):
+def test_an_unknown_encoding_is_refused(tmp_path: Path, messages: Any, samples: Any) -> None:
+    data = messages.image(5, np.zeros((4, 12), np.uint8), "jpeg")
+    with pytest.raises(InputError, match=r"mono8, mono16, bgr8.*got 'jpeg'"):
         decoded(tmp_path, messages, samples, data)
 
 

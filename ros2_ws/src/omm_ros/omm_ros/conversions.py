@@ -1,7 +1,6 @@
 """Between ROS messages (m, rad, stamps) and the core (mm, rad, nanoseconds)."""
 
 import sys
-from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -11,11 +10,9 @@ from sensor_msgs.msg import Image
 
 from omm_core.errors import InputError
 from omm_core.geometry import RigidTransform
+from omm_core.imaging.encodings import Pixels, grey_image
 
 MM_PER_M = 1000.0
-Pixels = NDArray[np.uint8] | NDArray[np.uint16]
-_DTYPES: dict[str, np.dtype[Any]] = {"mono8": np.dtype("u1"), "8UC1": np.dtype("u1")}
-_DTYPES_16 = ("mono16", "16UC1")
 
 
 def stamp_ns(stamp: Time) -> int:
@@ -65,7 +62,7 @@ def transform_message(a_t_b: RigidTransform) -> Transform:
 
 
 def image_from_message(message: Image) -> Pixels:
-    """The pixels of a message, without a copy where its rows have no padding.
+    """The pixels of a message, grey; without a copy where they are monochrome.
 
     Returns
     -------
@@ -74,26 +71,16 @@ def image_from_message(message: Image) -> Pixels:
     Raises
     ------
     InputError
-        The encoding is not mono8 or mono16, or the data do not fill the image.
+        The encoding is not known, or the data do not fill the image.
     """
-    dtype = _DTYPES.get(message.encoding)
-    if dtype is None and message.encoding in _DTYPES_16:
-        dtype = np.dtype(">u2" if message.is_bigendian else "<u2")
-    if dtype is None:
-        raise InputError(
-            f"Expected an image encoded as mono8 or mono16, got {message.encoding!r}. "
-            "Set the camera to a monochrome format."
-        )
-    height, width, step = message.height, message.width, message.step
-    row_bytes = width * dtype.itemsize
-    data = np.frombuffer(message.data, dtype=np.uint8)
-    if width == 0 or height == 0 or step < row_bytes or data.size < step * height:
-        raise InputError(
-            f"Expected {height} rows of {row_bytes} bytes, got {data.size} bytes in rows of {step}."
-        )
-    rows = data[: step * height].reshape(height, step)[:, :row_bytes]
-    pixels = rows.view(dtype) if rows.flags.c_contiguous else np.ascontiguousarray(rows).view(dtype)
-    return pixels if dtype.isnative else pixels.astype(dtype.newbyteorder("="))
+    return grey_image(
+        message.data,
+        message.encoding,
+        height_px=message.height,
+        width_px=message.width,
+        step_bytes=message.step,
+        big_endian=bool(message.is_bigendian),
+    )
 
 
 def image_message(pixels: NDArray[np.generic], stamp_nanoseconds: int, frame_id: str) -> Image:

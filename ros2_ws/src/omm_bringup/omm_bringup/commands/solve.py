@@ -49,8 +49,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--jobs", metavar="N", type=int, help="runs solved side by side (default: one a core)"
     )
-    parser.add_argument("--image-topic", default="/camera/image_raw", help=argparse.SUPPRESS)
-    parser.add_argument("--pose-topic", default="/cnc/spindle_pose", help=argparse.SUPPRESS)
+    parser.add_argument(
+        "--image-topic",
+        default="/camera/image_raw",
+        help="images in a recording made elsewhere (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--pose-topic",
+        default="/cnc/spindle_pose",
+        help="the spindle's poses there (default: %(default)s)",
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
