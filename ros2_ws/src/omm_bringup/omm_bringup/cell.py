@@ -16,6 +16,8 @@ def simulated_cell(
     *,
     scenario: str,
     seed: int,
+    clamping_seed: int = -1,
+    repeat: int = 1,
     camera: str = "simulated",
     control: str = "simulated",
     start_program: bool = False,
@@ -29,7 +31,11 @@ def simulated_cell(
     """
     part_file, calibration_file = str(run_folder / "part.yaml"), str(run_folder / "camera.yaml")
     known = {"part_file": part_file, "calibration_file": calibration_file}
-    drawn = {"scenario": scenario, "seed": seed}
+    drawn: dict[str, str | int] = {"scenario": scenario, "seed": seed}
+    if clamping_seed >= 0:
+        drawn |= {"clamping_seed": clamping_seed}
+    if repeat > 1:
+        drawn |= {"repeat": repeat}
     frames = {"frame_prefix": f"{namespace.lstrip('/')}/"} if namespace else {}
     # A real LinuxCNC with simulated drives, which the bridge starts and ends.
     started = {"linuxcnc_cell": "three_axis_mill"} if control == "linuxcnc" else {}

@@ -74,6 +74,9 @@ class Parameters:
     clamping_seed: int = parameter(
         -1, "simulated: draws the clamping angle alone; -1 takes the seed.", minimum=-1
     )
+    repeat: int = parameter(
+        1, "simulated: the how manieth measurement in that clamping.", minimum=1
+    )
     bumped_id: int = parameter(
         -1, "simulated: a target that is not where the part file says; -1 is none.", minimum=-1
     )

@@ -156,6 +156,9 @@ class Parameters:
     clamping_seed: int = parameter(
         -1, "Simulated control: another clamping of the same cell; -1 takes the seed."
     )
+    repeat: int = parameter(
+        1, "Simulated control: the how manieth measurement in that clamping.", minimum=1
+    )
     bumped_id: int = parameter(-1, "Simulated control: target that was bumped; -1 for none.")
     speed_factor: float = parameter(
         1.0, "Simulated control: how many times as fast the machine moves.", minimum=0.01

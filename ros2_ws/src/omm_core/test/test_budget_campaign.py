@@ -1,6 +1,7 @@
 """What a campaign is made of comes out of it again: scatter, drift, belief in the prediction."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -58,6 +59,23 @@ def test_what_clampings_add_and_what_repeats_do_are_told_apart() -> None:
         assert one.study.repeatability == pytest.approx(sigma, rel=0.15)
         assert one.study.between == pytest.approx(2.0 * sigma, rel=0.2)
         assert one.study.p_value < 1e-6
+
+
+def test_errors_that_all_runs_share_are_no_scatter_and_judged_once() -> None:
+    random = np.random.default_rng(9)
+    p_values, squared = [], []
+    for _ in range(300):
+        shared = random.normal(size=7) * SIGMA * math.sqrt(0.9)
+        measured = [
+            replace(m, theta=THETA + shared + (m.theta - THETA) * math.sqrt(0.1))
+            for m in campaign(random, 4, 2)
+        ]
+        found = evaluate_campaign(measured).prediction
+        assert found is not None
+        p_values.append(found.bias_p_value)
+        squared.append(found.squared_error)
+    assert np.mean(np.array(p_values) < 0.1) == pytest.approx(0.09, abs=0.05)
+    assert np.mean(squared) == pytest.approx(7.0, abs=0.7)
 
 
 def test_drift_is_found_and_clampings_that_differ_are_not_taken_for_it() -> None:

@@ -21,17 +21,21 @@ from omm_ros.interrupt import told_to_end
 
 _READY_S = 30.0
 _SILENT_S = 60.0
+_BY_HAND_S = 1800.0  # for a person to go to the control and start the program
 _LAST_IMAGE_S = 15.0  # after the program's end, for an image that was asked for
 _POLL_S = 0.05
 _LISTENERS = {"recorder", "estimator"}
 
 
-def measure(node: Node, console: Console, check_alive: Callable[[], None]) -> PartEstimate:
+def measure(
+    node: Node, console: Console, check_alive: Callable[[], None], *, by_hand: bool = False
+) -> PartEstimate:
     """Start the program once every station is there, show the progress, return the last estimate.
 
     Parameters
     ----------
     check_alive : raises MeasurementError when a node has died
+    by_hand : the program is started at the control, by a person who is told to
 
     Raises
     ------
@@ -39,29 +43,39 @@ def measure(node: Node, console: Console, check_alive: Callable[[], None]) -> Pa
         A station does not come, or the images stop coming.
     """
     with OperatorView(node, console) as view:
-        _start_program(node, check_alive)
-        console.print("omm: camera, CNC bridge, estimator and recorder run; program started")
+        _start_program(node, check_alive, by_hand)
+        console.print(
+            "omm: camera, CNC bridge, estimator and recorder run; "
+            + ("start the measuring program at the control" if by_hand else "program started")
+        )
         heard, since = -1, time.monotonic()
-        while not view.progress.settled:
+        # Before a person has started it, the last program's end is no end of this one.
+        while not view.progress.settled or (by_hand and not view.progress.images_judged):
             rclpy.spin_once(node, timeout_sec=_POLL_S)
             check_alive()
             view.show()
             if view.progress.images_judged != heard:
                 heard, since = view.progress.images_judged, time.monotonic()
             silent_s = time.monotonic() - since
-            if view.progress.came_to_an_end and silent_s > _LAST_IMAGE_S:
+            ended = view.progress.came_to_an_end and view.progress.images_judged > 0
+            if (ended if by_hand else view.progress.came_to_an_end) and silent_s > _LAST_IMAGE_S:
                 console.print(
                     f"omm: {view.progress.images_missing} of the images asked for never came"
                 )
                 break
-            if silent_s > _SILENT_S:
-                raise MeasurementError(f"No image came for {_SILENT_S:.0f} s.")
+            limit_s = _BY_HAND_S if by_hand and not view.progress.images_judged else _SILENT_S
+            if silent_s > limit_s:
+                raise MeasurementError(f"No image came for {limit_s:.0f} s.")
     assert view.progress.estimate is not None
     return view.progress.estimate
 
 
 def measure_alone(
-    console: Console, check_alive: Callable[[], None], arguments: list[str] | None = None
+    console: Console,
+    check_alive: Callable[[], None],
+    arguments: list[str] | None = None,
+    *,
+    by_hand: bool = False,
 ) -> PartEstimate:
     """`measure` in a process without other nodes; as it does, and KeyboardInterrupt at Ctrl-C."""
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
@@ -73,12 +87,12 @@ def measure_alone(
                     raise KeyboardInterrupt
                 check_alive()
 
-            return measure(Node("operator"), console, check)
+            return measure(Node("operator"), console, check, by_hand=by_hand)
     finally:
         rclpy.try_shutdown()
 
 
-def _start_program(node: Node, check_alive: Callable[[], None]) -> None:
+def _start_program(node: Node, check_alive: Callable[[], None], by_hand: bool) -> None:
     start = node.create_client(Trigger, "cnc_bridge/start_program")
     camera = _Health(node)
     deadline = time.monotonic() + _READY_S
@@ -90,6 +104,8 @@ def _start_program(node: Node, check_alive: Callable[[], None]) -> None:
         if time.monotonic() > deadline:
             said = f" It said: {camera.problem}" if camera.problem and "camera" in missing else ""
             raise MeasurementError(f"Waited {_READY_S:.0f} s for {missing}.{said}")
+    if by_hand:
+        return
     answer = start.call_async(Trigger.Request())
     rclpy.spin_until_future_complete(node, answer, timeout_sec=_READY_S)
     if not answer.done() or not answer.result().success:

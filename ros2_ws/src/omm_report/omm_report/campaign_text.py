@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from omm_core.budget.campaign import Campaign, QuantityStudy
+from omm_core.budget.gauge import Prediction
 from omm_core.session.quantities import THETA, Quantity
 
 # The paper's order of columns.
@@ -72,18 +73,17 @@ def verdict_lines(campaign: Campaign) -> list[str]:
     ]
     found = campaign.prediction
     if found is not None:
-        per = found.statistic / found.degrees_of_freedom
-        about = "from the truth" if found.against_truth else "from their mean"
+        lines += _prediction_lines(found)
+    anew = [
+        quantity.symbol
+        for one, quantity in zip(campaign.quantities, THETA)
+        if one.study.p_value < 0.01 / 7 and (quantity.name != "gamma_s" or _known(campaign))
+    ]
+    if anew:
         lines.append(
-            f"{'Believed' if found.believed else 'NOT believed'}: the predicted covariance."
-            f" Deviations {about} are {math.sqrt(per):.2f} times it (χ² = {found.statistic:.0f}"
-            f" with {found.degrees_of_freedom}, p = {found.p_value:.2g})"
+            f"Clampings add more than chance to {', '.join(anew)}: how the holder seats, or what"
+            " changes between clampings"
         )
-        if not found.against_truth:
-            lines.append(
-                "What all runs share (calibration, targets, geometry) does not show in a campaign:"
-                " a prediction can only be found too small here"
-            )
     for one, quantity in zip(campaign.quantities, THETA):
         if one.capability is not None:
             width = one.capability.tolerance * quantity.scale
@@ -93,6 +93,30 @@ def verdict_lines(campaign: Campaign) -> list[str]:
             )
     drifts = campaign.findings or ("no drift at 1 %",)
     return [*lines, *drifts]
+
+
+def _prediction_lines(found: Prediction) -> list[str]:
+    per = math.sqrt(found.statistic / found.degrees_of_freedom)
+    lines = [
+        f"{'Believed' if found.believed else 'NOT believed'}: the predicted covariance. Scatter is"
+        f" {per:.2f} times the predicted (χ² = {found.statistic:.0f} with"
+        f" {found.degrees_of_freedom}, p = {found.p_value:.2g})"
+    ]
+    if found.against_truth:
+        lines.append(
+            f"Mean error from the truth: {found.bias:.1f} (χ² with {len(found.ratio)}, p ="
+            f" {found.bias_p_value:.2g}); mean normalised squared error {found.squared_error:.2f}"
+            f" of {len(found.ratio)}"
+        )
+    lines.append(
+        "What all runs share (calibration, targets, geometry) does not scatter: a prediction can"
+        " be found too small here, never too large"
+    )
+    return lines
+
+
+def _known(campaign: Campaign) -> bool:
+    return all(one.truth is not None for one in campaign.measured)
 
 
 def campaign_dict(campaign: Campaign) -> dict[str, Any]:
@@ -112,9 +136,9 @@ def campaign_dict(campaign: Campaign) -> dict[str, Any]:
             "chi_square": found.statistic,
             "degrees_of_freedom": found.degrees_of_freedom,
             "p_value": found.p_value,
-            "mean_normalised_squared_error": found.statistic
-            / found.degrees_of_freedom
-            * len(found.ratio),
+            "bias": _or_none(found.bias),
+            "bias_p_value": _or_none(found.bias_p_value),
+            "mean_normalised_squared_error": _or_none(found.squared_error),
             "seen_over_predicted": found.ratio.tolist(),
         },
         "runs": [

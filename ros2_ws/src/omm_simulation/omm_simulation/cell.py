@@ -31,6 +31,8 @@ _NAMES = (
     "part", "clamping", "stops", "machine", "scene",
     "errors", "targets", "calibration", "seat",
 )  # fmt: skip
+# Far from the seeds of clampings that people number on.
+_NEXT_REPEAT = 1_000_003
 _STREAMS = {name: i for i, name in enumerate(_NAMES)}
 
 
@@ -128,6 +130,7 @@ def draw(
     seed: int,
     *,
     clamping_seed: int | None = None,
+    repeat: int = 1,
     bumped_id: int | None = None,
     bump_mm: tuple[float, float, float] = (0.3, -0.2, 0.0),
 ) -> Cell:
@@ -141,6 +144,9 @@ def draw(
     clamping_seed : int, optional
         Draws what is anew with each clamping: the same machine and part, the camera clamped anew
         and everything measured once more (repeatability).
+    repeat : int
+        The how manieth measurement in that clamping: the holder stays as it is, stops and images
+        are anew.
     bumped_id : int, optional
         A target that is not where the part file says.
     bump_mm : tuple
@@ -177,7 +183,7 @@ def draw(
         bumped_id=bumped_id,
         stops=_stops(scenario, seed),
         errors=errors,
-        clamping_seed=clamping_seed,
+        clamping_seed=clamping_seed + _NEXT_REPEAT * (repeat - 1),
     )
 
 

@@ -40,6 +40,7 @@ def simulated(parameters: Parameters, poses: TruePoses) -> MakeDriver:
         parameters.scenario,
         parameters.seed,
         clamping_seed=parameters.clamping_seed,
+        repeat=parameters.repeat,
         bumped_id=parameters.bumped_id,
     )
     return lambda: SimulatedDriver(view, poses)

@@ -123,5 +123,6 @@ def _draw(p: Parameters) -> Cell:
         load_scenario(p.scenario),
         p.seed,
         clamping_seed=None if p.clamping_seed < 0 else p.clamping_seed,
+        repeat=p.repeat,
         bumped_id=None if p.bumped_id < 0 else p.bumped_id,
     )

@@ -153,28 +153,37 @@ class Prediction:
 
     Attributes
     ----------
-    statistic, degrees_of_freedom : float
-        Σ of squared deviations, normalised by the predicted covariances: χ² where they are true.
-    p_value : float
-        How probable so much or more is.
+    statistic, degrees_of_freedom, p_value : float
+        Scatter: Σ of squared deviations from the campaign's own mean, normalised by the predicted
+        covariances; χ² where all errors are anew in each run. What all runs share (calibration,
+        targets, geometry) does not scatter: a prediction can be found too small, never too large.
     ratio : (n,) array
         Standard deviation seen over predicted, by quantity.
-    against_truth : bool
-        Whether deviations are from the truth, or from the campaign's own mean. From the mean, what
-        all runs have in common (calibration, targets, geometry) is not seen: then a prediction can
-        be found too small, never too large.
+    bias, bias_p_value : float
+        Where the truth is known: the mean error squared, normalised by one run's covariance, as if
+        all runs shared all errors; and how probable so much or more is (χ² with n). NaN otherwise.
+    squared_error : float
+        Mean normalised squared error from the truth: n where the prediction is true and the
+        campaign long; NaN where the truth is not known.
     """
 
     statistic: float
     degrees_of_freedom: int
     p_value: float
     ratio: Array
-    against_truth: bool
+    bias: float = math.nan
+    bias_p_value: float = math.nan
+    squared_error: float = math.nan
+
+    @property
+    def against_truth(self) -> bool:
+        """Whether the truth was known."""
+        return not math.isnan(self.bias)
 
     @property
     def believed(self) -> bool:
-        """Whether there is no more scatter than predicted, at 1 %."""
-        return self.p_value >= SIGNIFICANCE
+        """Whether there is neither more scatter nor more mean error than predicted, at 1 %."""
+        return self.p_value >= SIGNIFICANCE and not self.bias_p_value < SIGNIFICANCE
 
 
 def against_prediction(values: Array, covariances: Array, truth: Array | None = None) -> Prediction:
@@ -182,7 +191,7 @@ def against_prediction(values: Array, covariances: Array, truth: Array | None = 
 
     Parameters
     ----------
-    truth : (n,) or (N, n) array, optional
+    truth : (n,) array, optional
 
     Raises
     ------
@@ -191,24 +200,32 @@ def against_prediction(values: Array, covariances: Array, truth: Array | None = 
     """
     values = np.asarray(values, dtype=float)
     count, size = values.shape
-    if count < 2 and truth is None:
+    if count < 2:
         raise InputError(f"Expected at least 2 runs to compare with their prediction, got {count}.")
     # Scaled, since rad and mm differ by orders of magnitude.
     sigma = np.sqrt(np.einsum("kii->ki", covariances).mean(axis=0))
-    scaled = covariances / np.outer(sigma, sigma)
-    inverse = np.linalg.inv(scaled)
-    if truth is None:
-        total = inverse.sum(axis=0)
-        weighted = np.einsum("kij,kj->i", inverse, values / sigma)
-        off = values / sigma - np.linalg.solve(total, weighted)
-    else:
-        off = (values - truth) / sigma
-    free = count - (truth is None)
-    statistic = float(np.einsum("ki,kij,kj->", off, inverse, off))
+    inverse: Array = np.asarray(np.linalg.inv(covariances / np.outer(sigma, sigma)), dtype=float)
+    total = inverse.sum(axis=0)
+    mean = np.linalg.solve(total, np.einsum("kij,kj->i", inverse, values / sigma))
+    off = values / sigma - mean
+    statistic = _normalised(off, inverse)
+    freedom = (count - 1) * size
+    bias, bias_p_value, squared = math.nan, math.nan, math.nan
+    if truth is not None:
+        error = mean - truth / sigma
+        bias = float(error @ (total / count) @ error)
+        bias_p_value = float(stats.chi2.sf(bias, size))
+        squared = _normalised((values - truth) / sigma, inverse) / count
     return Prediction(
         statistic=statistic,
-        degrees_of_freedom=free * size,
-        p_value=float(stats.chi2.sf(statistic, free * size)),
-        ratio=np.sqrt(np.sum(off**2, axis=0) / free),
-        against_truth=truth is not None,
+        degrees_of_freedom=freedom,
+        p_value=float(stats.chi2.sf(statistic, freedom)),
+        ratio=np.sqrt(np.sum(off**2, axis=0) / (count - 1)),
+        bias=bias,
+        bias_p_value=bias_p_value,
+        squared_error=squared,
     )
+
+
+def _normalised(off: Array, inverse: Array) -> float:
+    return float(np.einsum("ki,kij,kj->", off, inverse, off))

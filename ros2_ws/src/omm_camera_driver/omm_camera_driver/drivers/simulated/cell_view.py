@@ -56,7 +56,7 @@ class CellView:
 
 
 def cell_view(
-    scenario: str, seed: int, *, clamping_seed: int = -1, bumped_id: int = -1
+    scenario: str, seed: int, *, clamping_seed: int = -1, repeat: int = 1, bumped_id: int = -1
 ) -> CellView:
     """The view of a scenario's cell; -1 leaves an option out.
 
@@ -70,6 +70,7 @@ def cell_view(
             load_scenario(scenario),
             seed,
             clamping_seed=None if clamping_seed < 0 else clamping_seed,
+            repeat=repeat,
             bumped_id=None if bumped_id < 0 else bumped_id,
         )
     )
