@@ -1,4 +1,4 @@
-"""Raw pixel data of cameras as monochrome images.
+"""Raw pixel data of cameras as monochrome images; colours by the rule of `imaging.encodings`.
 
 Values of more than 8 bits are shifted up to fill 16 bits, as mono16 is understood everywhere.
 """
@@ -7,12 +7,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.errors import DeviceError
+from omm_core.imaging.encodings import grey_image
 
 # GenICam PFNC: pixel format numbers.
 MONO8 = 0x01080001
 MONO10, MONO12, MONO14, MONO16 = 0x01100003, 0x01100005, 0x01100025, 0x01100007
 MONO10_PACKED, MONO12_PACKED = 0x010C0004, 0x010C0006  # GigE Vision: 2 pixels in 3 bytes
 MONO10P, MONO12P = 0x010A0046, 0x010C0047  # PFNC: a stream of bits, lowest first
+
+# Colours: ROS's name of the encoding, and by how many bits it is shifted up.
+_COLOURS = {
+    0x02180014: ("rgb8", 0),
+    0x02180015: ("bgr8", 0),
+    0x01080008: ("bayer_grbg8", 0),
+    0x01080009: ("bayer_rggb8", 0),
+    0x0108000A: ("bayer_gbrg8", 0),
+    0x0108000B: ("bayer_bggr8", 0),
+    **{
+        first + k: (f"bayer_{pattern}16", shift)
+        for first, shift in ((0x0110000C, 6), (0x01100010, 4), (0x0110002E, 0))
+        for k, pattern in enumerate(("grbg", "rggb", "gbrg", "bggr"))
+    },
+}
 
 _UNPACKED_SHIFT = {MONO10: 6, MONO12: 4, MONO14: 2, MONO16: 0}
 
@@ -48,9 +64,26 @@ def mono_from_genicam(
         return _unpack_12p(data).reshape(height, width)
     if pixel_format == MONO10P:
         return _unpack_10p(data).reshape(height, width)
+    if pixel_format in _COLOURS:
+        return _grey(data, *_COLOURS[pixel_format], width, height)
     raise DeviceError(
-        f"Expected a monochrome pixel format (Mono8, 10, 12 or 16, packed or not), got "
-        f"0x{pixel_format:08x}. Set the parameter pixel_format."
+        "Expected a pixel format of Mono8, 10, 12 or 16 (packed or not), Bayer8 to 16, RGB8 or "
+        f"BGR8, got 0x{pixel_format:08x}. Set the parameter pixel_format."
+    )
+
+
+def _grey(
+    data: NDArray[np.uint8], encoding: str, shift: int, width: int, height: int
+) -> NDArray[np.generic]:
+    if shift:
+        data = (data.view("<u2") << shift).view(np.uint8)
+    return grey_image(
+        data,
+        encoding,
+        height_px=height,
+        width_px=width,
+        step_bytes=len(data) // height,
+        big_endian=False,
     )
 
 

@@ -54,11 +54,39 @@ def test_mono8_is_not_copied() -> None:
     assert np.shares_memory(pixels.mono_from_genicam(data, pixels.MONO8, 4, 3), data)
 
 
-def test_colour_is_refused() -> None:
+def test_an_unknown_format_is_refused() -> None:
     with pytest.raises(DeviceError, match="pixel_format"):
-        pixels.mono_from_genicam(np.zeros(100, np.uint8), 0x02180014, 4, 3)
+        pixels.mono_from_genicam(np.zeros(100, np.uint8), 0x02180020, 4, 3)
 
 
 def test_too_few_bytes_are_refused() -> None:
     with pytest.raises(DeviceError, match="got 5"):
         pixels.mono_from_genicam(np.zeros(5, np.uint8), pixels.MONO8, 4, 3)
+
+
+@pytest.mark.parametrize(
+    ("pixel_format", "first"),
+    [
+        (0x01080009, "r"),  # BayerRG8
+        (0x0108000B, "b"),  # BayerBG8
+        (0x01100011, "r"),  # BayerRG12
+        (0x0110002F, "r"),  # BayerRG16
+    ],
+)
+def test_a_mosaic_becomes_the_luma_of_what_lights_its_first_pixel(pixel_format, first):
+    """PFNC names the first two pixels of the first row."""
+    bits = {0x01100011: 12, 0x0110002F: 16}.get(pixel_format, 8)
+    mosaic = np.zeros((12, 16), np.uint8 if bits == 8 else np.uint16)
+    mosaic[::2, ::2] = (1 << bits) - 1
+    raw = mosaic.reshape(-1).view(np.uint8)
+    grey = pixels.mono_from_genicam(raw, pixel_format, 16, 12)
+    share = grey[3:-3, 3:-3].mean() / np.iinfo(grey.dtype).max
+    assert share == pytest.approx({"r": 0.299, "b": 0.114}[first], abs=0.01)
+
+
+@pytest.mark.parametrize(("pixel_format", "order"), [(0x02180014, "rgb"), (0x02180015, "bgr")])
+def test_colours_become_their_luma(pixel_format, order):
+    colours = np.zeros((4, 6, 3), np.uint8)
+    colours[:, :, order.index("r")] = 200
+    grey = pixels.mono_from_genicam(colours.reshape(-1), pixel_format, 6, 4)
+    assert np.all(grey == 60)
