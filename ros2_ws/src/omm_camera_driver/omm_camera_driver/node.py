@@ -195,7 +195,7 @@ class CameraNode(LifecycleNode):
             partial(self.destroy_subscription, asked),
         ]
         if self._wanted.driver == "simulated":
-            self._listener = TruePoseListener(self, self._poses.add)
+            self._listener = TruePoseListener(self, self._poses.add, self._poses.move_part)
             self._undo.append(self._stop_listening)
 
     def _camera_info(self) -> camera_info.InfoSource:

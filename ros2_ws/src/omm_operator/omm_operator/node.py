@@ -213,13 +213,14 @@ class OperatorNode(Node):
         outcome = OperatorCommand.ASKED
         if answer is not None:
             outcome = OperatorCommand.ACCEPTED if answer.accepted else OperatorCommand.REFUSED
+        more = {} if answer is None else dict(answer.more)
         self._commands.publish(
             OperatorCommand(
                 stamp=time_from_ns(time.time_ns()),
                 who=asker.who,
                 role=asker.role,
                 command=command.name,
-                arguments=json.dumps(dict(command.arguments), sort_keys=True),
+                arguments=json.dumps({**command.arguments, **more}, sort_keys=True),
                 key=command.key,
                 outcome=outcome,
                 reason="" if answer is None else answer.said.in_language("en"),

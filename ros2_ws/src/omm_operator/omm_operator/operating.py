@@ -140,43 +140,45 @@ class Operation:
 
     async def _carry(self, command: Command) -> Answer:
         """Carry a command out; that it was refused is a trouble that stays in the list."""
+        more: dict[str, Any] = {}
         try:
-            said = await self._carriers[command.name](command)
+            said = await self._carriers[command.name](command, more)
         except OmmError as error:
             self.screen.trouble(say(f"trouble.refused_{command.name}"), str(error))
             self.show_soon()
             return Answer(accepted=False, said=recognise(str(error)))
         self.screen.changes += 1
         self.show_soon()
-        return Answer(accepted=True, said=said)
+        return Answer(accepted=True, said=said, more=more)
 
-    async def _start_program(self, command: Command) -> Said:
+    async def _start_program(self, command: Command, more: dict[str, Any]) -> Said:
         await self._actions.start_program()
         return say("done.start_program")
 
-    async def _new_clamping(self, command: Command) -> Said:
+    async def _new_clamping(self, command: Command, more: dict[str, Any]) -> Said:
         await self._actions.new_clamping()
         return say("done.new_clamping")
 
-    async def _corrected(self, command: Command) -> Said:
+    async def _corrected(self, command: Command, more: dict[str, Any]) -> Said:
+        # First: what is shown now is what was turned, and it is gone with the clamping.
+        more["jacks"] = self.screen.corrected(command.arguments["mode"])
         await self._actions.new_clamping()
-        self.screen.corrected(command.arguments["mode"])
         return say("done.corrected")
 
-    async def _set_jacks(self, command: Command) -> Said:
+    async def _set_jacks(self, command: Command, more: dict[str, Any]) -> Said:
         self.screen.set_jacks(command.arguments["jacks"])
         return say("done.set_jacks")
 
-    async def _acknowledge(self, command: Command) -> Said:
+    async def _acknowledge(self, command: Command, more: dict[str, Any]) -> Said:
         self.screen.acknowledge(command.arguments["number"])
         return say("done.acknowledge")
 
-    async def _read_offset(self, command: Command) -> Said:
+    async def _read_offset(self, command: Command, more: dict[str, Any]) -> Said:
         told = pages.hand_words(self.screen.kept, self.screen.options)
         self.screen.kept.offset = await self._actions.work_offset(told.offset, None)
         return say("done.read_offset")
 
-    async def _hand_over(self, command: Command) -> Said:
+    async def _hand_over(self, command: Command, more: dict[str, Any]) -> Said:
         """Write the offset, read it back, and compare."""
         kept = self.screen.kept
         wanted = pages.hand_words(kept, self.screen.options).wanted
@@ -189,6 +191,7 @@ class Operation:
         read = await self._actions.work_offset(wanted.name, wanted)
         equal = same_offset(wanted, read)
         kept.offset = read
+        more.update(old=offset_dict(old), new=offset_dict(wanted), read=offset_dict(read))
         kept.handed = {
             "time_ms": self.screen.snapshot()["time_ms"],
             "old": offset_dict(old),
@@ -200,7 +203,7 @@ class Operation:
             raise Refused("The control reads back something else than was written.")
         return say("done.hand_over", offset=wanted.name)
 
-    async def _make_report(self, command: Command) -> Said:
+    async def _make_report(self, command: Command, more: dict[str, Any]) -> Said:
         """Begin a report; it is ready when the state says so."""
         report = self.screen.kept.report
         self.screen.kept.report = {"state": "under_way", "number": report["number"]}

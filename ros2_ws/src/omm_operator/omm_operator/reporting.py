@@ -1,11 +1,15 @@
 """Makes the report of a recording in a process of its own: `python -m omm_operator.reporting`."""
 
 import os
+import shutil
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from omm_core.errors import OmmError
 from omm_core.files.output import write_whole
+from omm_recording.repairing import repair
+from omm_recording.writing import UNFINISHED
 from omm_report.run_report import run_report
 from omm_runs.solving import SolveRunOptions, solve_run
 
@@ -17,11 +21,28 @@ def main(arguments: list[str]) -> int:
     recording, out = map(Path, arguments)
     os.nice(_NICENESS)
     try:
-        write_whole(out, run_report([solve_run(recording, SolveRunOptions())]))
+        with TemporaryDirectory(prefix="omm-report-") as folder:
+            whole = _so_far(recording, Path(folder))
+            write_whole(out, run_report([solve_run(whole, SolveRunOptions())]))
     except OmmError as error:
         print(error, file=sys.stderr)
         return 1
     return 0
+
+
+def _so_far(recording: Path, folder: Path) -> Path:
+    """Return a finished recording: as it is, or a sound copy of one that is being made."""
+    unfinished = recording.with_name(recording.name + UNFINISHED)
+    if recording.exists() or not unfinished.exists():
+        return recording
+    copied, whole = folder / unfinished.name, folder / recording.name
+    shutil.copyfile(unfinished, copied)
+    repair(copied, whole)
+    for name in ("part.yaml", "camera.yaml", "machine.yaml"):
+        beside = recording.with_name(name)
+        if beside.is_file():
+            shutil.copyfile(beside, folder / name)
+    return whole
 
 
 if __name__ == "__main__":

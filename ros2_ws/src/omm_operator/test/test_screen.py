@@ -14,6 +14,7 @@ from omm_operator.screen.handing import HandingOptions
 from omm_operator.screen.result import advice, rows
 from omm_operator.screen.screen import Screen
 from omm_operator.screen.watch import LIMIT_S, STARTING_S, Watch
+from omm_simulation.jacks import lifted
 
 START_NS = 1_700_000_000_000_000_000
 JACKS = tuple(
@@ -260,34 +261,13 @@ def test_a_part_is_aligned_in_three_corrections_from_5_mm_per_m(times: Times) ->
             break
         found = corrections_in_all_modes(measured, part(), JACKS[:3], np.array([0.0, 0.0, 1.0]))
         corrections += 1
-        truth = _turned(truth, np.array([c.correction_mm for c in found["exact"]]))
+        truth = lifted(
+            truth,
+            [jack.xyz_mm[:2] for jack in JACKS[:3]],
+            [correction.correction_mm for correction in found["exact"]],
+        )
     assert corrections <= 3
     assert np.all(np.abs(truth.euler_xyz_rad()[:2]) <= 5e-5)
-
-
-def _turned(machine_T_part: RigidTransform, lifts_mm: np.ndarray) -> RigidTransform:
-    """Return the part after its three jacks were turned: they carry it at fixed machine x, y."""
-    origin = machine_T_part.translation_mm
-    feet = np.array([jack.xyz_mm for jack in JACKS[:3]]) + origin
-    before = np.array([_on_plane(machine_T_part.rotation[:, 2], origin, foot) for foot in feet])
-    after = before + np.outer(lifts_mm, [0.0, 0.0, 1.0])
-    turn = _frame(after) @ _frame(before).T
-    return RigidTransform(
-        rotation=turn @ machine_T_part.rotation,
-        translation_mm=after[0] + turn @ (origin - before[0]),
-    )
-
-
-def _on_plane(normal: np.ndarray, origin: np.ndarray, foot: np.ndarray) -> np.ndarray:
-    z = origin[2] - (normal[:2] @ (foot[:2] - origin[:2])) / normal[2]
-    return np.array([foot[0], foot[1], z])
-
-
-def _frame(points: np.ndarray) -> np.ndarray:
-    x = points[1] - points[0]
-    z = np.cross(x, points[2] - points[0])
-    x, z = x / np.linalg.norm(x), z / np.linalg.norm(z)
-    return np.column_stack([x, np.cross(z, x), z])
 
 
 def test_jacks_have_the_signs_of_the_facts(times: Times) -> None:

@@ -70,12 +70,32 @@ def text(key: str, language: str = "en", **args: str) -> str:
         Where the catalogue does not know the key, or an argument is missing.
     """
     template = catalogue(language)[key]
-    return _PLACEHOLDER.sub(lambda found: number_text(args[found[1]], language), template)
+    as_it_is = key == VERBATIM
+    return _PLACEHOLDER.sub(
+        lambda found: args[found[1]] if as_it_is else argument_text(args[found[1]], language),
+        template,
+    )
+
+
+def argument_text(words: str, language: str) -> str:
+    """Return an argument in a language: the decimal sign, and the words between numbers."""
+    if language == "en":
+        return words
+    for key, english in _words_in_arguments():
+        words = re.sub(rf"\b{re.escape(english)}\b", catalogue(language)[key], words)
+    return number_text(words, language)
 
 
 def number_text(words: str, language: str) -> str:
     """Return words with the decimal sign of a language."""
     return _DECIMAL.sub(r"\1,\2", words) if language in _DECIMAL_COMMA else words
+
+
+@functools.cache
+def _words_in_arguments() -> tuple[tuple[str, str], ...]:
+    """Return the English words (keys ``word.…``) that arguments may hold, the longest first."""
+    entries = [(k, english) for k, english in catalogue("en").items() if k.startswith("word.")]
+    return tuple(sorted(entries, key=lambda entry: -len(entry[1])))
 
 
 def placeholders(template: str) -> list[str]:

@@ -12,6 +12,8 @@ OBSERVATIONS = "omm/observations"
 ESTIMATE = "omm/estimate"
 PART_POSE = "omm/part_pose"
 TRUE_SPINDLE_POSE = "simulation/true_spindle_pose"
+TRUE_PART_POSE = "simulation/true_part_pose"
+OPERATOR_COMMANDS = "omm/operator_commands"
 
 TF = "/tf"
 TF_STATIC = "/tf_static"

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from omm_bringup.processes import RunningNode
     from omm_core.session.result import MeasurementResult
+    from omm_simulation.cell import Cell
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -71,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
     with own_domain(), running(specs, folder / "log") as nodes:
         live = _measure(nodes, console)
         if args.screen:
-            _stay(nodes, console, args.port)
+            _stay(nodes, console, args.port, cell)
     # Written only now: nobody who measured could have looked.
     write_truth(cell, folder / "truth.json")
 
@@ -116,15 +117,28 @@ def _measure(nodes: "Sequence[RunningNode]", console: "Console") -> "PartEstimat
         raise MeasurementError(f"{error} The nodes' logs lie in {logs}.") from error
 
 
-def _stay(nodes: "Sequence[RunningNode]", console: "Console", port: int) -> None:
-    """Let the page be used until Ctrl-C."""
+def _stay(nodes: "Sequence[RunningNode]", console: "Console", port: int, cell: "Cell") -> None:
+    """Let the page be used until Ctrl-C; turn the simulated jacks as it says."""
+    import rclpy
+    from rclpy.node import Node
+    from rclpy.signals import SignalHandlerOptions
+
     from omm_bringup.processes import check_alive
+    from omm_bringup.simulated_jacks import SimulatedJacks
     from omm_ros.interrupt import told_to_end
 
     console.print(f"omm: the operator's page is at http://127.0.0.1:{port}/ (Ctrl-C ends)")
-    with told_to_end() as ended:
-        while not ended.wait(0.2):
-            check_alive(nodes)
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        with told_to_end() as ended:
+            node = Node("simulated_jacks")
+            hands = SimulatedJacks(node, cell.machine_T_part)
+            while not ended.is_set():
+                rclpy.spin_once(node, timeout_sec=0.2)
+                check_alive(nodes)
+            del hands
+    finally:
+        rclpy.try_shutdown()
 
 
 def _tell_whether_equal(

@@ -3,12 +3,18 @@
 const COMMA = new Set(["de", "es", "eu"]);
 export const LANGUAGES = { en: "English", de: "Deutsch", es: "Español", eu: "Euskara" };
 let words = {};
+let between = []; // English words within arguments, and ours
+let english = null;
 export let language = "en";
 
 export async function choose(name) {
   const answer = await fetch(`/language/${name}.json`);
   if (!answer.ok) return;
   words = await answer.json();
+  english ||= await (await fetch("/language/en.json")).json();
+  between = name === "en" ? [] : Object.keys(english).filter((key) => key.startsWith("word."))
+    .sort((a, b) => english[b].length - english[a].length)
+    .map((key) => [new RegExp(`\\b${english[key]}\\b`, "g"), words[key]]);
   language = name;
   document.documentElement.lang = name;
 }
@@ -16,7 +22,11 @@ export async function choose(name) {
 export function t(key, args) {
   const template = words[key];
   if (template === undefined) return key;
-  return template.replace(/\{([a-z_]+)\}/g, (_, name) => decimal(String(args?.[name] ?? "")));
+  return template.replace(/\{([a-z_]+)\}/g, (_, name) => argument(key, String(args?.[name] ?? "")));
+}
+
+function argument(key, text) {
+  return key === "said.verbatim" ? text : decimal(between.reduce((t, [from, to]) => t.replace(from, to), text));
 }
 
 // What the server says: its key, else its English text.

@@ -9,8 +9,8 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import OrderedDict
-from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from omm_operator.screen.commands import Command
@@ -26,6 +26,8 @@ class Answer:
 
     accepted: bool
     said: Said
+    more: Mapping[str, Any] = field(default_factory=dict)
+    """What was done, for the record: the corrections that were on the screen, and the like."""
 
     def to_json_dict(self) -> dict[str, Any]:
         """Return what a page gets."""

@@ -238,13 +238,18 @@ class Screen:
 
     # --- what commands change ------------------------------------------------------------------
 
-    def corrected(self, mode: str) -> None:
-        """Note that the jacks were turned as they are shown in a mode."""
+    def corrected(self, mode: str) -> list[dict[str, Any]]:
+        """Note that the jacks were turned as they are shown in a mode; return how."""
         estimate = self.kept.estimate
         assert estimate is not None  # `refusals` has looked
         found = corrections_in_all_modes(estimate, self.kept.part, self.kept.jacks, self.kept.up)
-        self.history.correct(mode, [correction_dict(c) for c in found[mode]])
+        turned = [
+            {**correction_dict(c), "x_mm": float(j.xyz_mm[0]), "y_mm": float(j.xyz_mm[1])}
+            for j, c in zip(self.kept.jacks, found[mode], strict=True)
+        ]
+        self.history.correct(mode, turned)
         self.changes += 1
+        return turned
 
     def set_jacks(self, entries: object) -> None:
         """Take jacks as somebody typed them."""

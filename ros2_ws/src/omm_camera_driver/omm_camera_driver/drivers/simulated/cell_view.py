@@ -1,5 +1,7 @@
 """What the simulated cameras see: the cell of a scenario, rendered."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,7 +25,7 @@ class CellView:
         self.name = f"{cell.scenario.name}-{cell.seed}"
         self.width_px, self.height_px = calibration.width_px, calibration.height_px
         self.exposure_ns = round(cell.scenario.imaging.exposure_s * 1e9)
-        self._camera = SimulatedCamera(cell)
+        self._cell, self._camera = cell, SimulatedCamera(cell)
         self._first_stop = RigidTransform.from_euler_xyz_rad(
             *cell.scenario.machine.spindle_euler_xyz_rad,
             translation_mm=cell.stops[0].spindle_in_machine_mm,
@@ -32,6 +34,12 @@ class CellView:
     def warm_up(self) -> None:
         """Render once, so that the first image does not wait for the compiler."""
         self._camera.image(self._first_stop, frame=0)
+
+    def place_part(self, machine_T_part: RigidTransform | None) -> None:
+        """Have the part stand elsewhere from now on; None: where it stands."""
+        if machine_T_part is not None and machine_T_part is not self._cell.machine_T_part:
+            self._cell = replace(self._cell, machine_T_part=machine_T_part)
+            self._camera = SimulatedCamera(self._cell)
 
     def render(
         self, pose_at: PoseAt, middle_ns: int, exposure_ns: int, *, frame: int, bits: int = 8

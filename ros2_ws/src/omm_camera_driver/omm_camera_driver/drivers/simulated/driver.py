@@ -93,6 +93,7 @@ class SimulatedDriver:
         mid_ns = begin_ns + exposure_ns // 2
         pose_at = self._poses.during(begin_ns, begin_ns + exposure_ns, _POSE_TIMEOUT_S)
         started_s = time.monotonic()
+        self._view.place_part(self._poses.machine_T_part)
         image = self._view.render(
             pose_at, mid_ns, exposure_ns, frame=self._sequence, bits=self._bits
         )

@@ -1,4 +1,4 @@
-"""Hears where the simulated spindle truly is, on a thread of its own."""
+"""Hears where the simulated spindle and part truly are, on a thread of its own."""
 
 import threading
 from collections.abc import Callable
@@ -17,14 +17,19 @@ _END_S = 1.0
 
 
 class TruePoseListener:
-    """Hands every pose on as it comes.
+    """Hands every pose on as it comes; of the part, where somebody moves it.
 
     In the pool of threads that serves the camera's services, each pose costs ten times as much: on
     a busy machine they came seconds late, and no image could be taken.
     """
 
-    def __init__(self, camera: Node, add: Callable[[int, RigidTransform], None]) -> None:
-        self._add = add
+    def __init__(
+        self,
+        camera: Node,
+        add: Callable[[int, RigidTransform], None],
+        move_part: Callable[[RigidTransform], None],
+    ) -> None:
+        self._add, self._move_part = add, move_part
         self._context = context = camera.context
         # A node of its own, as an executor serves whole nodes. The remapping of the camera's name
         # is not meant for it; where the topic is, the camera knows.
@@ -38,6 +43,8 @@ class TruePoseListener:
         )
         topic = camera.resolve_topic_name(topics.TRUE_SPINDLE_POSE)
         self._node.create_subscription(PoseStamped, topic, self._on_pose, qos.POSE)
+        part = camera.resolve_topic_name(topics.TRUE_PART_POSE)
+        self._node.create_subscription(PoseStamped, part, self._on_part, qos.LATCHED)
         self._executor = SingleThreadedExecutor(context=context)
         self._executor.add_node(self._node)
         self._thread = threading.Thread(target=self._spin, name="true poses", daemon=True)
@@ -60,3 +67,6 @@ class TruePoseListener:
 
     def _on_pose(self, message: PoseStamped) -> None:
         self._add(stamp_ns(message.header.stamp), transform_from_pose(message.pose))
+
+    def _on_part(self, message: PoseStamped) -> None:
+        self._move_part(transform_from_pose(message.pose))

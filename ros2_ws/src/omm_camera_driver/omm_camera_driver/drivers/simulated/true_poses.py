@@ -25,6 +25,12 @@ class TruePoses:
     def __init__(self) -> None:
         self._poses: deque[tuple[int, RigidTransform]] = deque(maxlen=_KEPT)
         self._news = threading.Condition()
+        self.machine_T_part: RigidTransform | None = None
+        """Where somebody has moved the part to; None where it stands as it was drawn."""
+
+    def move_part(self, machine_T_part: RigidTransform) -> None:
+        """Take in where the part is moved to (its jacks were turned)."""
+        self.machine_T_part = machine_T_part
 
     def add(self, stamp_ns: int, machine_T_spindle: RigidTransform) -> None:
         """Take in a pose; one that is not later than the last one starts a new history."""

@@ -1,0 +1,279 @@
+"""The operator's page as a person uses it: a real browser against the real nodes."""
+
+import signal
+import socket
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from mcap.reader import make_reader
+from omm_interfaces.msg import OperatorCommand
+from page_bench import CHROMIUM, CellWithPage, cell_with_page, until
+from playwright import sync_api as playwright
+
+pytestmark = pytest.mark.skipif(
+    CHROMIUM is None, reason="no Chromium is installed (apt-get install chromium)"
+)
+STEPS = ("measure", "result", "correct", "hand")
+SIZES = ((800, 480), (1280, 800), (1920, 1080))
+TARGET_PX, MAIN_PX = 57, 76
+TILT_RAD, TOLERANCE_RAD = 5e-3, 5e-5
+
+
+class Screen:
+    """A page in a browser of its own; whatever it asks of others than the node fails the test."""
+
+    def __init__(self, browser: Any, port: int) -> None:
+        self.foreign: list[str] = []
+        self.errors: list[str] = []
+        self._own = f"http://127.0.0.1:{port}/"
+        self.context = browser.new_context(viewport={"width": 1280, "height": 800})
+        self.context.route("**/*", self._route)
+        self.page = self.context.new_page()
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+        until(self._opened, "the page")
+        self.page.wait_for_selector("#do-start_program")
+
+    def _opened(self) -> bool:
+        try:
+            self.page.goto(self._own)
+        except playwright.Error:
+            time.sleep(0.3)
+            return False
+        return True
+
+    def _route(self, route: Any) -> None:
+        if route.request.url.startswith(self._own):
+            route.continue_()
+        else:
+            self.foreign.append(route.request.url)
+            route.abort()
+
+    def go(self, step: str) -> None:
+        self.page.click(f"#step-{step}")
+        self.page.wait_for_selector(f"main#{step}")
+
+    def text(self, selector: str) -> str:
+        found = self.page.query_selector(selector)
+        return found.inner_text() if found else ""
+
+    def is_on(self, command: str) -> bool:
+        found = self.page.query_selector(f"#do-{command}")
+        return found is not None and found.get_attribute("aria-disabled") == "false"
+
+    def hold(self, command: str, seconds: float = 1.3) -> None:
+        until(lambda: self.is_on(command), f"{command} to be allowed")
+        box = self.page.locator(f"#do-{command}").bounding_box()
+        self.page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        self.page.mouse.down()
+        time.sleep(seconds)
+        self.page.mouse.up()
+
+    def tap(self, command: str) -> None:
+        until(lambda: self.is_on(command), f"{command} to be allowed")
+        self.page.click(f"#do-{command}")
+
+    def measure(self, cell: CellWithPage) -> None:
+        """Start the program and wait for its result."""
+        before = len(cell.given("start_program", OperatorCommand.ACCEPTED))
+        self.go("measure")
+        self.hold("start_program")
+        until(
+            lambda: len(cell.given("start_program", OperatorCommand.ACCEPTED)) > before, "the start"
+        )
+        until(lambda: "running" in self.text("#program"), "the program to run")
+        until(lambda: "finished" in self.text("#program"), "the program to end")
+        self.go("result")
+        until(lambda: self.page.query_selector("#values") is not None, "a result")
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[CellWithPage]:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    folder = tmp_path_factory.mktemp("page")
+    with cell_with_page(folder, port, tilt_rad=TILT_RAD) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with playwright.sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def screen(cell: CellWithPage, browser: Any) -> Iterator[Screen]:
+    shown = Screen(browser, cell.port)
+    yield shown
+    shown.context.close()
+    assert shown.foreign == []
+    assert shown.errors == []
+
+
+def test_a_part_is_aligned_in_three_corrections_and_handed_over(
+    cell: CellWithPage, screen: Screen
+) -> None:
+    corrections = 0
+    screen.measure(cell)
+    while "Good enough" not in screen.text("#advice"):
+        assert corrections < 3, screen.text("main")
+        screen.go("correct")
+        screen.tap("corrected")
+        corrections += 1
+        until(
+            lambda: len(cell.given("corrected", OperatorCommand.ACCEPTED)) == corrections,  # noqa: B023
+            "the correction",
+        )
+        screen.measure(cell)
+    assert corrections >= 1
+    assert np.all(np.abs(cell.jacks.machine_T_part.euler_xyz_rad()[:2]) <= TOLERANCE_RAD)
+    assert len(screen.page.query_selector_all("#history tbody tr")) == corrections + 1
+    screen.go("hand")
+    until(lambda: screen.is_on("hand_over"), "all conditions")
+    screen.hold("hand_over", 0.4)  # too short: nothing happens
+    time.sleep(1.0)
+    assert cell.given("hand_over", OperatorCommand.ASKED) == []
+    screen.hold("hand_over")
+    until(lambda: "is equal" in screen.text("#handed"), "the read-back")
+    assert "✓" in screen.text("#handed")
+    with screen.page.expect_download() as download:
+        screen.page.click("#file-siemens")
+    assert "$P_UIFR[1] = CTRANS(X," in Path(download.value.path()).read_text()
+
+
+def test_a_report_of_the_measurement_so_far_is_made(cell: CellWithPage, screen: Screen) -> None:
+    screen.go("result")
+    screen.tap("make_report")
+    until(lambda: screen.page.query_selector("#report") is not None, "the report")
+    answer = screen.context.request.get(screen.page.get_attribute("#report", "href") and
+        f"http://127.0.0.1:{cell.port}/report.pdf")  # fmt: skip
+    assert answer.status == 200
+    assert answer.body().startswith(b"%PDF-")
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_every_step_is_accessible_and_large_enough(screen: Screen, size: tuple[int, int]) -> None:
+    screen.page.set_viewport_size({"width": size[0], "height": size[1]})
+    for step in (*STEPS, "troubles"):
+        screen.go(step)
+        time.sleep(0.2)
+        found = Axe().run(screen.page)
+        assert found.violations_count == 0, found.generate_report()
+        for button in screen.page.query_selector_all("button, a.button, select"):
+            box = button.bounding_box()
+            if box is not None:
+                is_main = "main" in (button.get_attribute("class") or "")
+                assert box["height"] >= (MAIN_PX if is_main else TARGET_PX) - 0.5
+                assert box["width"] >= TARGET_PX - 0.5
+        for name in STEPS:  # always in sight
+            box = screen.page.locator(f"#step-{name}").bounding_box()
+            assert box["x"] >= 0
+            assert box["x"] + box["width"] <= size[0]
+        assert screen.page.locator("html").evaluate("e => e.scrollWidth") <= size[0]
+    screen.go("result")
+    figure = screen.page.locator(".figure").first.evaluate(
+        "e => parseFloat(getComputedStyle(e).fontSize)"
+    )
+    assert figure * 0.7 >= 26.0  # 7 mm; digits are 0.7 of the font's size
+
+
+def test_two_pages_show_the_same_and_a_double_tap_is_one_command(
+    cell: CellWithPage, screen: Screen, browser: Any
+) -> None:
+    other = Screen(browser, cell.port)
+    for page in (screen, other):
+        page.go("result")
+    until(lambda: screen.text("#values tbody") == other.text("#values tbody") != "", "the same")
+    before = len(cell.given("new_clamping", OperatorCommand.ASKED))
+    screen.go("measure")
+    until(lambda: screen.is_on("new_clamping"), "the command")
+    screen.page.dblclick("#do-new_clamping")
+    until(lambda: "No longer true" in other.text("#advice"), "the other page to tell")
+    time.sleep(0.5)
+    assert len(cell.given("new_clamping", OperatorCommand.ASKED)) == before + 1
+    screen.go("hand")
+    assert not screen.is_on("hand_over")
+    other.context.close()
+
+
+def test_after_a_reload_the_page_is_where_it_was(cell: CellWithPage, screen: Screen) -> None:
+    screen.go("correct")
+    screen.page.reload()
+    screen.page.wait_for_selector("main#correct")
+    assert cell.processes["operator"].poll() is None
+
+
+def test_a_lost_camera_is_told_and_comes_back(cell: CellWithPage, screen: Screen) -> None:
+    screen.go("measure")
+    until(lambda: screen.is_on("start_program"), "all stations")
+    cell.send("camera", signal.SIGKILL)
+    until(lambda: "Camera: silent" in screen.text("#alarm"), "the alarm", 10.0)
+    assert not screen.is_on("start_program")
+    cell.start("camera")
+    until(lambda: screen.is_on("start_program"), "the camera to come back")
+    screen.go("troubles")
+    assert "The camera fell silent" in screen.text("#troubles")
+    screen.page.click("#acknowledge-all")
+    until(lambda: "Nothing is wrong" in screen.text("#troubles"), "the acknowledgement")
+
+
+def test_values_of_an_estimator_that_stands_still_are_grey_with_their_age(
+    cell: CellWithPage, screen: Screen
+) -> None:
+    screen.measure(cell)
+    cell.send("estimator", signal.SIGSTOP)
+    try:
+        until(lambda: screen.page.query_selector("#values.stale") is not None, "grey values", 10.0)
+        assert "Estimator: silent" in screen.text("#alarm")
+        assert "old" in screen.text("#advice")
+        screen.go("hand")
+        assert not screen.is_on("hand_over")
+        assert "✗" in screen.text("#condition-fresh")
+    finally:
+        cell.send("estimator", signal.SIGCONT)
+    screen.go("result")
+    until(lambda: screen.page.query_selector("#values:not(.stale)") is not None, "live values")
+
+
+def test_a_lost_page_node_is_told_and_the_page_comes_back_without_reload(
+    cell: CellWithPage, screen: Screen
+) -> None:
+    screen.go("measure")
+    screen.page.evaluate_handle("() => { document.body.dataset.kept = 'yes'; }")
+    cell.send("operator", signal.SIGKILL)
+    until(lambda: "No connection" in screen.text("#alarm"), "the alarm", 10.0)
+    assert not screen.is_on("new_clamping")
+    assert screen.page.query_selector("body.lost main.stale") is not None
+    cell.start("operator")
+    until(lambda: "No connection" not in screen.text("#alarm"), "the page to come back")
+    until(lambda: screen.is_on("new_clamping"), "commands")
+    assert screen.page.query_selector("body[data-kept=yes]") is not None
+
+
+@pytest.mark.parametrize("language", ["de", "es", "eu"])
+def test_the_page_speaks_the_language_that_was_chosen(screen: Screen, language: str) -> None:
+    english = {step: (screen.go(step), screen.text(f"#step-{step}"))[1] for step in STEPS}
+    screen.page.select_option("#language", language)
+    until(lambda: screen.page.get_attribute("html", "lang") == language, "the language")
+    for step in STEPS:
+        screen.go(step)
+        assert screen.text(f"#step-{step}") != english[step]
+    screen.go("result")
+    figures = [e.inner_text() for e in screen.page.query_selector_all(".figure")]
+    assert all("," in figure and "." not in figure for figure in figures)
+
+
+def test_every_command_is_in_the_recording_with_who_and_when(cell: CellWithPage) -> None:
+    cell.send("recorder", signal.SIGINT)
+    cell.processes["recorder"].wait(30.0)
+    with open(cell.folder / "run.mcap", "rb") as file:
+        messages = make_reader(file).iter_messages(topics=["/omm/operator_commands"])
+        assert len(list(messages)) == len(cell.commands) > 10
+    assert all(c.who.startswith("127.0.0.1 ") and c.role == "operator" for c in cell.commands)
