@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,11 +29,28 @@ class SurveyPoint:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SurveyPoints:
-    """All points of a survey, in the order of the file."""
+    """All points of a survey, in the order of the file.
+
+    ``full`` is the covariance (3N, 3N) of all points, mm², or None where only each point's own
+    is known.
+    """
 
     target_family: str
     coded_dot_diameter_mm: float
     points: tuple[SurveyPoint, ...]
+    full: Array | None = None
+
+    def covariance(self, rows: Sequence[int]) -> Array:
+        """Return the covariance (3K, 3K) of some points; zero where none is known."""
+        if self.full is not None:
+            which = np.concatenate([np.arange(3 * n, 3 * n + 3) for n in rows])
+            return np.asarray(self.full[np.ix_(which, which)])
+        covariance = np.zeros((3 * len(rows), 3 * len(rows)))
+        for i, n in enumerate(rows):
+            own = self.points[n].covariance_mm2
+            if own is not None:
+                covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = own
+        return covariance
 
 
 def load_points(path: Path) -> SurveyPoints:
@@ -55,7 +73,52 @@ def load_points(path: Path) -> SurveyPoints:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise InputError(f"{path}: expected each name once, got {', '.join(twice)} more than once.")
-    return SurveyPoints(target_family=family, coded_dot_diameter_mm=diameter, points=points)
+    ids = [point.id for point in points if point.id is not None]
+    again = sorted({i for i in ids if ids.count(i) > 1})
+    if again:
+        raise InputError(f"{path}: expected each coded target once, got {again} more than once.")
+    told = root.get("full_covariance")
+    full = None if told is None else _full(path, told, points)
+    return SurveyPoints(
+        target_family=family, coded_dot_diameter_mm=diameter, points=points, full=full
+    )
+
+
+def _full(path: Path, told: Any, points: tuple[SurveyPoint, ...]) -> Array:
+    """Read the covariance beside points.json, in the order of the points."""
+    try:
+        file, order = path.parent / str(told["file"]), [str(name) for name in told["order"]]
+        given = np.load(file, allow_pickle=False)
+    except (KeyError, TypeError):
+        raise InputError(f"{path}: full_covariance needs 'file' and 'order'.") from None
+    except (OSError, ValueError, EOFError) as error:
+        raise InputError(
+            f"{path}: the full covariance {told['file']} cannot be read: {error}. Copy it beside"
+            " the points, or remove the key full_covariance."
+        ) from None
+    wanted = (3 * len(order), 3 * len(order))
+    if given.shape != wanted or given.dtype.kind != "f" or not np.isfinite(given).all():
+        raise InputError(
+            f"{file}: expected {wanted[0]} x {wanted[1]} finite numbers, got {given.shape} of"
+            f" {given.dtype}."
+        )
+    size = max(float(np.abs(given).max(initial=0.0)), 1e-300)
+    if np.abs(given - given.T).max(initial=0.0) > 1e-6 * size or (
+        len(given) and np.linalg.eigvalsh(given)[0] < -1e-6 * size * len(given)
+    ):
+        raise InputError(f"{file}: expected a covariance (symmetric, no negative variances).")
+    row_of = {name: n for n, name in enumerate(order)}
+    full = np.zeros((3 * len(points), 3 * len(points)))
+    known = [n for n, point in enumerate(points) if point.name in row_of]
+    to = np.concatenate([np.arange(3 * n, 3 * n + 3) for n in known] or [np.empty(0, int)])
+    rows = [row_of[points[n].name] for n in known]
+    source = np.concatenate([np.arange(3 * n, 3 * n + 3) for n in rows] or [np.empty(0, int)])
+    full[np.ix_(to, to)] = given[np.ix_(source, source)]
+    for n in set(range(len(points))) - set(known):
+        own = points[n].covariance_mm2
+        if own is not None:
+            full[3 * n : 3 * n + 3, 3 * n : 3 * n + 3] = own
+    return np.asarray(0.5 * (full + full.T))
 
 
 def _point(entry: dict[str, Any]) -> SurveyPoint:
@@ -68,9 +131,9 @@ def _point(entry: dict[str, Any]) -> SurveyPoint:
     normal = None
     if entry.get("normal") is not None:
         normal = _numbers(entry["normal"], (3,), f"normal of {name}")
-        length = np.linalg.norm(normal)
+        length = float(np.linalg.norm(normal))
         if length < 1e-6:
-            raise ValueError(f"normal of {name} must have a direction")
+            raise ValueError(f"normal of {name} has no direction")
         normal = normal / length
     return SurveyPoint(
         name=name,

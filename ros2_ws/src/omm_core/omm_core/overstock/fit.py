@@ -7,82 +7,56 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from omm_core.errors import InputError
 from omm_core.files.part import Target
 from omm_core.files.points import SurveyPoint, SurveyPoints
-from omm_core.geometry import RigidTransform
-from omm_core.overstock.cad import Face
+from omm_core.overstock.assignment import Points, Pose
+from omm_core.overstock.choice import Choice, choose
+from omm_core.overstock.face import Face
+from omm_core.overstock.face_groups import group_faces
 from omm_core.overstock.fit_file import FitFile
-from omm_core.overstock.placement import Placement, place_by_least_squares, place_evenly
+from omm_core.overstock.problem import FEWEST, Problem, Settled, least_squares, settle
+from omm_core.overstock.remedies import find_remedies
+from omm_core.overstock.uncertainty import (
+    Uncertainty,
+    draw,
+    targets_covariance,
+    turned_covariance,
+)
+from omm_core.overstock.verdicts import describe, document, pose_json
 
 Array = NDArray[np.float64]
-Pose = tuple[Array, Array]
-DRAWS = 100
-SEED = 1
-COVERAGE = 0.9545
-LIMITS = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fit:
-    """A fit's answer: what --json writes, and part.yaml's targets and covariance."""
+    """A fit's answer.
+
+    Attributes
+    ----------
+    document : dict
+        What --json writes.
+    problem, settled : Problem, Settled
+        What was fitted, and how it lies.
+    choice : Choice
+        All placements that fit as well.
+    targets, covariance_mm2 : tuple of Target, (3T, 3T) array or None
+        Of part.yaml.
+    """
 
     document: dict[str, Any]
-    smallest_margin_uncertainty_mm: float
+    problem: Problem
+    settled: Settled
+    choice: Choice
     targets: tuple[Target, ...]
     covariance_mm2: Array | None
 
-
-class _Problem:
-    """Points on raw surfaces, each with its face and group."""
-
-    def __init__(self, faces: tuple[Face, ...], file: FitFile, points: list[SurveyPoint]) -> None:
-        self.faces, self.file, self.points = faces, file, points
-        self.xyz = np.array([point.xyz_mm for point in points])
-        self.names, self.required, self.group_of = _groups(faces, file)
-        self.face = np.zeros(len(points), dtype=int)
-
-    def assign(self, pose: Pose) -> Array:
-        """Give each point its nearest face that looks its way; return the distances."""
-        placed = self.xyz @ pose[0].T + pose[1]
-        cost = np.empty((len(self.faces), len(placed)))
-        for number, face in enumerate(self.faces):
-            places, normals = face.nearest(placed)
-            cost[number] = np.linalg.norm(placed - places, axis=1)
-            for i, point in enumerate(self.points):
-                if point.normal is not None and (pose[0] @ point.normal) @ normals[i] < 0.7:
-                    cost[number, i] = np.inf
-        self.face = cost.argmin(axis=0)
-        return np.asarray(cost.min(axis=0))
-
-    def keep(self, chosen: NDArray[np.bool_]) -> None:
-        """Drop points."""
-        self.points = [p for p, good in zip(self.points, chosen, strict=True) if good]
-        self.xyz, self.face = self.xyz[chosen], self.face[chosen]
-
-    def surfaces(self, placed: Array) -> tuple[Array, Array]:
-        """Return distance outside each point's face, and the normals."""
-        distance, normals = np.empty(len(placed)), np.empty_like(placed)
-        for number in np.unique(self.face):
-            on = self.face == number
-            distance[on], normals[on] = self.faces[number].distance(placed[on])
-        return distance, normals
-
-    def place(self, pose: Pose, xyz: Array | None = None) -> Placement:
-        """Place by the file's criterion."""
-        groups = self.group_of[self.face]
-        xyz = self.xyz if xyz is None else xyz
-        return place_evenly(
-            xyz,
-            self.surfaces,
-            required_mm=self.required[groups],
-            groups=groups,
-            thickness_mm=self.file.target_thickness_mm,
-            rotation=pose[0],
-            translation_mm=pose[1],
-        )
+    @property
+    def box_mm(self) -> Array:
+        """Return the CAD's lowest and highest corner (2, 3), part frame."""
+        corners = [np.stack([face.index.low, face.index.high]) for face in self.problem.faces]
+        return np.stack([np.min(corners, axis=(0, 1)), np.max(corners, axis=(0, 1))])
 
 
 def fit_part(faces: tuple[Face, ...], file: FitFile, survey: SurveyPoints) -> Fit:
@@ -91,238 +65,127 @@ def fit_part(faces: tuple[Face, ...], file: FitFile, survey: SurveyPoints) -> Fi
     Raises
     ------
     InputError
-        Where no start is given or no point lies on the part.
+        Where the start is contradictory or too few points lie on the part.
     """
-    problem = _Problem(faces, file, [p for p in survey.points if p.id is None])
-    if len(problem.points) < 6:
-        raise InputError(f"Expected 6 or more plain points, got {len(problem.points)}.")
+    problem = Problem(
+        faces=faces, groups=group_faces(faces, file), file=file, points=_plain(survey, file)
+    )
     findings: list[str] = []
-    pose = _start(file, survey)
-    placed = _settle(problem, pose, findings)
-    pose = (placed.rotation, placed.translation_mm)
-    poses, draws = _draws(problem, pose, findings)
-    document, uncertainty = _document(problem, placed, draws, findings)
-    targets, covariance = _targets(survey, pose, poses)
+    choice = choose(problem, survey, findings)
+    return _answer(problem, survey, choice, findings)
+
+
+def fit_placed(problem: Problem, survey: SurveyPoints, pose: Pose) -> Fit:
+    """Return the fit of a problem that begins at a placement part_T_survey.
+
+    Raises
+    ------
+    InputError
+        Where too few points lie on the part there.
+    """
+    return _answer(problem, survey, Choice(settled=(settle(problem, pose),), taken=0), [])
+
+
+def _answer(problem: Problem, survey: SurveyPoints, choice: Choice, findings: list[str]) -> Fit:
+    file, settled = problem.file, choice.settled[choice.taken or 0]
+    if file.criterion == "least_squares":
+        settled = least_squares(problem, settled)
+        findings.append("least_squares is for comparison: it does not look at the allowances")
+    coded = [point for point in survey.points if point.id is not None]
+    uncertainty = draw(problem, settled, survey, coded)
+    if uncertainty is None:
+        findings.append("no point has a sigma: overstock counts as exact")
+    elif any(survey.points[n].covariance_mm2 is None for n in range(len(survey.points))):
+        findings.append("points without sigma count as exact")
+    lacking = settled.placement.smallest_mm < -1e-6 and file.criterion == "even"
+    remedies = find_remedies(problem, settled) if lacking else None
+    describe(problem, settled, remedies, findings)
+    _describe_choice(choice, survey, findings)
+    result = document(problem, settled, uncertainty, remedies, findings)
+    if len(choice.settled) > 1:
+        result["placements"] = [_placement_json(s) for s in choice.settled]
+    targets, covariance = _targets(survey, coded, settled, uncertainty)
     return Fit(
-        document=document,
-        smallest_margin_uncertainty_mm=uncertainty,
+        document=result,
+        problem=problem,
+        settled=settled,
+        choice=choice,
         targets=targets,
         covariance_mm2=covariance,
     )
 
 
-def _groups(faces: tuple[Face, ...], file: FitFile) -> tuple[list[str], Array, NDArray[Any]]:
-    """Return names, allowances and each face's group; planes in one plane are one group."""
-    names: list[str] = [group.name for group in file.groups]
-    required = [group.minimum_overstock_mm for group in file.groups]
-    own = {n: i for i, group in enumerate(file.groups) for n in group.faces}
-    wrong = sorted(n for n in own if not 1 <= n <= len(faces))
-    if wrong:
-        raise InputError(f"groups: the CAD has faces 1 to {len(faces)}, got {wrong}.")
-    of = np.zeros(len(faces), dtype=int)
-    for number, face in enumerate(faces, start=1):
-        if number not in own and face.name not in names:
-            names.append(face.name)
-            required.append(file.minimum_overstock_mm)
-        of[number - 1] = own[number] if number in own else names.index(face.name)
-    return names, np.array(required), of
+def _plain(survey: SurveyPoints, file: FitFile) -> Points:
+    plain = [point for point in survey.points if point.id is None]
+    if len(plain) < FEWEST:
+        raise InputError(f"Expected {FEWEST} or more plain points, got {len(plain)}.")
+    known = {point.name for point in plain}
+    for key, names in (("keep", file.keep), ("leave_out", file.leave_out)):
+        missing = [name for name in names if name not in known]
+        if missing:
+            raise InputError(f"{key}: the points file has no plain point {', '.join(missing)}.")
+    none = np.full(3, np.nan)
+    return Points(
+        names=tuple(point.name for point in plain),
+        xyz=np.array([point.xyz_mm for point in plain]),
+        normals=np.array([none if p.normal is None else p.normal for p in plain]),
+    )
 
 
-def _start(file: FitFile, survey: SurveyPoints) -> Pose:
-    """Return part_T_survey from the pairs."""
-    by_name = {point.name: point for point in survey.points}
-    by_name.update({str(p.id): p for p in survey.points if p.id is not None})
-    missing = [name for name in file.pairs if name not in by_name]
-    if missing:
-        raise InputError(f"pairs: the points file has no point {', '.join(missing)}.")
-    if len(file.pairs) < 3:
-        raise InputError(
-            "Expected a start: 3 or more pairs of a point and about where it is on the CAD,"
-            f" not in one line; got {len(file.pairs)}."
-        )
-    a = np.array([by_name[name].xyz_mm for name in file.pairs])
-    b = np.array(list(file.pairs.values()))
-    rotation, _ = Rotation.align_vectors(b - b.mean(axis=0), a - a.mean(axis=0))
-    matrix = rotation.as_matrix()
-    return matrix, b.mean(axis=0) - matrix @ a.mean(axis=0)
-
-
-def _settle(problem: _Problem, pose: Pose, findings: list[str]) -> Placement:
-    """Place until the points keep their faces; name those that lie on none."""
-    for _ in range(4):
-        distance = problem.assign(pose)
-        limit = 30.0 + 6.0 * float(np.median(distance))
-        good = distance < limit
-        for point, far in zip(problem.points, distance, strict=True):
-            if not far < limit:
-                how = f"{far:.1f} mm off" if np.isfinite(far) else "no face looks its way"
-                findings.append(f"point {point.name} lies on no face ({how}): left out")
-        problem.keep(good)
-        if len(problem.points) < 6:
-            raise InputError("Fewer than 6 points lie on the part: check pairs, unit and CAD.")
-        before = problem.face.copy()
-        placed = problem.place(pose)
-        pose = (placed.rotation, placed.translation_mm)
-        problem.assign(pose)
-        if np.array_equal(before, problem.face):
-            break
-    if problem.file.criterion == "least_squares":
-        fitted = place_by_least_squares(
-            problem.xyz, problem.surfaces, rotation=pose[0], translation_mm=pose[1]
-        )
-        margins = problem.surfaces(problem.xyz @ fitted[0].T + fitted[1])[0]
-        margins = margins - problem.file.target_thickness_mm
-        margins = margins - problem.required[problem.group_of[problem.face]]
-        placed = _moved(placed, fitted, margins)
-        findings.append("least_squares is for comparison: it does not look at the allowances")
-    return placed
-
-
-def _moved(placed: Placement, pose: Pose, margins: Array) -> Placement:
-    from dataclasses import replace
-
-    return replace(placed, rotation=pose[0], translation_mm=pose[1], margins_mm=margins)
-
-
-def _draws(problem: _Problem, pose: Pose, findings: list[str]) -> tuple[list[Pose], Array]:
-    """Fit again with the points' uncertainty drawn anew: poses, true margins under them."""
-    known = [p.covariance_mm2 for p in problem.points]
-    if any(c is None for c in known):
-        findings.append("points without sigma count as exact")
-    if problem.file.criterion == "least_squares" or all(c is None for c in known):
-        return [], np.empty((0, len(known)))
-    random = np.random.default_rng(SEED)
-    roots = np.array([np.zeros((3, 3)) if c is None else _root(c) for c in known])
-    offset = problem.required[problem.group_of[problem.face]] + problem.file.target_thickness_mm
-    poses, margins = [], []
-    for _ in range(DRAWS):
-        noise = np.einsum("nij,nj->ni", roots, random.standard_normal((len(known), 3)))
-        placed = problem.place(pose, problem.xyz + noise)
-        drawn = (placed.rotation, placed.translation_mm)
-        poses.append(drawn)
-        # The measured points stand for the true ones; their noise chose the placement.
-        margins.append(placed.margins_mm - _margin(problem, drawn, offset))
-    return poses, np.array(margins)
-
-
-def _margin(problem: _Problem, pose: Pose, offset: Array) -> Array:
-    return np.asarray(problem.surfaces(problem.xyz @ pose[0].T + pose[1])[0] - offset)
-
-
-def _root(covariance: Array) -> Array:
-    values, axes = np.linalg.eigh(covariance)
-    return np.asarray(axes * np.sqrt(np.maximum(values, 0.0)))
-
-
-def _document(
-    problem: _Problem, placed: Placement, errors: Array, findings: list[str]
-) -> tuple[dict[str, Any], float]:
-    """Return fit --json and U of the smallest margin."""
-    groups = problem.group_of[problem.face]
-    margins = placed.margins_mm
-    overstock = margins + problem.required[groups]
-    known = len(errors) > 0
-    sigma = np.sqrt((errors**2).mean(axis=0)) if known else np.zeros(len(margins))
-
-    def spread(on: NDArray[Any]) -> float:
-        if not known:
-            return 0.0
-        # Told smallest margin minus the true one under the same placement, bias included.
-        told = (margins + errors)[:, on].min(axis=1) - margins[on].min()
-        return float(np.quantile(np.abs(told), COVERAGE))
-
-    for number in np.unique(problem.face):
-        if problem.faces[number].kind == "free":
-            findings.append(
-                f"{problem.faces[number].name} is taken as its triangles: their chord error,"
-                " which the file does not tell, stands in its overstock"
-            )
-    rows = []
-    for number, name in enumerate(problem.names):
-        on = groups == number
-        if not on.any():
-            findings.append(f"no point on {name}: its overstock is not known")
-            continue
-        low, half = float(margins[on].min()), spread(on)
-        verdict = "enough" if low >= half else "too little" if low < -half else "not proven"
-        rows.append(
-            {
-                "name": name,
-                "points": int(on.sum()),
-                "minimum_mm": float(overstock[on].min()),
-                "mean_mm": float(overstock[on].mean()),
-                "maximum_mm": float(overstock[on].max()),
-                "required_mm": float(problem.required[number]),
-                "verdict": verdict,
-            }
-        )
-    weights = {n: float(placed.limiting[groups == n].sum()) for n in np.unique(groups)}
-    limiting = [problem.names[n] for n, w in weights.items() if w > LIMITS]
-    feasible = placed.smallest_mm >= 0.0
-    for motion in placed.free:
-        findings.append(f"no point holds the motion {np.round(motion, 3).tolist()}")
-    if not feasible and problem.file.criterion == "even":
-        # One allowance alone, lowered until the smallest margin is zero: m* = sum of w m.
-        for n, weight in weights.items():
-            if weight > LIMITS:
-                findings.append(
-                    f"{problem.names[n]}: alone, its allowance would have to be lowered by"
-                    f" {-placed.smallest_mm / weight:.3f} mm"
-                )
-    pose = RigidTransform(rotation=placed.rotation, translation_mm=placed.translation_mm)
-    euler = Rotation.from_matrix(pose.rotation).as_euler("xyz")
-    document = {
-        "feasible": bool(feasible),
-        "part_T_survey": {
-            "translation_mm": pose.translation_mm.tolist(),
-            "euler_xyz_rad": euler.tolist(),
-        },
-        "points": [
-            {
-                "name": point.name,
-                "group": problem.names[groups[i]],
-                "overstock_mm": float(overstock[i]),
-                "sigma_mm": float(sigma[i]) if known else None,
-            }
-            for i, point in enumerate(problem.points)
-        ],
-        "groups": rows,
-        "minimum_margin_mm": placed.smallest_mm,
-        "minimum_margin_U_mm": spread(np.ones(len(margins), dtype=bool)) if known else None,
-        "limiting": limiting,
-        "missing_mm": max(0.0, -placed.smallest_mm),
-        "findings": findings,
+def _placement_json(settled: Settled) -> dict[str, Any]:
+    return {
+        "part_T_survey": pose_json(settled.placement.pose),
+        "minimum_margin_mm": settled.placement.smallest_mm,
+        "points": len(settled.points.names),
+        "misfit_mm": settled.misfit_mm,
     }
-    return document, spread(np.ones(len(margins), dtype=bool))
+
+
+def _describe_choice(choice: Choice, survey: SurveyPoints, findings: list[str]) -> None:
+    if len(choice.settled) < 2:
+        return
+    for number, settled in enumerate(choice.settled, start=1):
+        rotation, translation = settled.placement.pose
+        places = [
+            f"{p.name} at ({' '.join(f'{v:.0f}' for v in rotation @ p.xyz_mm + translation)})"
+            for p in [p for p in survey.points if p.id is not None][:3]
+        ]
+        findings.append(
+            f"placement {number} of {len(choice.settled)}: smallest margin"
+            f" {settled.placement.smallest_mm:.3f} mm; {', '.join(places) or 'no coded target'}"
+        )
+    if choice.taken is not None:
+        findings.append(f"placement {choice.taken + 1} is taken, as asked for")
 
 
 def _targets(
-    survey: SurveyPoints, pose: Pose, poses: list[Pose]
+    survey: SurveyPoints,
+    coded: list[SurveyPoint],
+    settled: Settled,
+    uncertainty: Uncertainty | None,
 ) -> tuple[tuple[Target, ...], Array | None]:
     """Return the coded targets in the part frame and their covariance with the fit's."""
-    coded = [point for point in survey.points if point.id is not None]
     if not coded:
         return (), None
-    xyz = np.array([point.xyz_mm for point in coded])
-    covariance = np.zeros((3 * len(coded), 3 * len(coded)))
-    if poses:
-        moved = np.array([(xyz @ r.T + t).ravel() for r, t in poses])
-        covariance += np.cov(moved.T)
-    for i, point in enumerate(coded):
-        if point.covariance_mm2 is not None:
-            block = slice(3 * i, 3 * i + 3)
-            covariance[block, block] += pose[0] @ point.covariance_mm2 @ pose[0].T
-    covariance = 0.5 * (covariance + covariance.T)
-    sigma = np.sqrt(np.diag(covariance)).reshape(-1, 3)
-    known = bool(sigma.any())
+    rotation, translation = settled.placement.pose
+    places = np.array([point.xyz_mm for point in coded]) @ rotation.T + translation
+    covariance = None
+    if uncertainty is not None:
+        own = turned_covariance(survey, coded, rotation)
+        covariance = targets_covariance(
+            uncertainty, settled.placement, places, own, correlated=survey.full is not None
+        )
+    sigma = None
+    if covariance is not None:
+        sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0)).reshape(-1, 3)
     targets = tuple(
         Target(
             id=point.id or 0,
-            xyz_mm=pose[0] @ point.xyz_mm + pose[1],
+            xyz_mm=places[i],
             dot_diameter_mm=survey.coded_dot_diameter_mm,
-            normal=None if point.normal is None else pose[0] @ point.normal,
-            sigma_xyz_mm=sigma[i] if known else None,
+            normal=None if point.normal is None else rotation @ point.normal,
+            sigma_xyz_mm=None if sigma is None else sigma[i],
         )
         for i, point in enumerate(coded)
     )
-    return targets, covariance if known else None
+    return targets, covariance

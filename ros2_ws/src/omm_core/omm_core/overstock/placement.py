@@ -4,8 +4,13 @@ Point p with outward normal n and foot q on its nominal face has the overstock
 ``a(T) = n · (T p - q) - thickness`` and the margin ``a - required``. For a small motion
 x = (translation, rotation times size) about the centroid, a is linear, and the largest smallest
 margin is a linear programme; steps are bounded by a trust region and taken where the margin as
-recomputed from the surfaces grows. The multipliers of the last programme say which groups
-limit: the smallest margin is their weighted sum whatever the placement.
+recomputed from the surfaces grows. The multipliers of the last programme say which points
+limit: the smallest margin is their weighted sum whatever the placement. Groups that limit keep
+their margin, and the others are raised again; at last, of all placements that do as well, the
+one is taken whose faces lie most parallel to their points.
+
+Datum faces come first: by least squares, rank by rank, each in the freedom that those before
+leave. Limits (a maximum, a tolerance between groups) hold throughout, as far as they can.
 """
 
 from __future__ import annotations
@@ -15,16 +20,28 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
+from omm_core.overstock.programme import Answer, nearest_allowed, raise_smallest
+from omm_core.overstock.wish import Wish
+
 Array = NDArray[np.float64]
+Pose = tuple[Array, Array]
 # Points in the part frame (N, 3) -> distance outside each point's own face (N,), normals (N, 3).
 Surfaces = Callable[[Array], tuple[Array, Array]]
 
 SMALLEST_STEP_MM = 1e-10
 ROUNDS = 60
 MULTIPLIER = 1e-7
+RANK = 1e-6
+# A programme whose margin grows by this much, mm, has no end: nothing holds the part that way.
+ENDLESS_MM = 1e5
+FAR_MM = 1e7
+BREACH = 100.0
+# Of motions that change no spread, the least: small against a face of three points.
+STAY = 1e-4
+SLACK = 1e-10
+BOUNDED = 1e-7
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,63 +54,110 @@ class Placement:
         part_R_survey.
     translation_mm : (3,) array
         part_T_survey's translation.
-    margins_mm : (N,) array
-        Overstock minus what is required, per point.
+    overstock_mm, margins_mm : (N,) arrays
+        Per point; the margin of a datum point is inf, for it is not to be raised.
     jacobian : (N, 6) array
-        Of the margins in (translation, rotation times size) about the centroid, part frame.
+        Of the overstock in (translation, rotation times size) about the centroid, part frame.
+    centre_mm : (3,) array
+        The centroid.
     size_mm : float
         What the rotation was multiplied by.
     limiting : (N,) array
         Multipliers of the smallest margin (sum 1); zero where a point does not limit.
+    limits_held : (L,) array
+        Multipliers of the limits, in the order of ``Wish.limits``.
+    breach_mm : float
+        By how much a limit is broken, 0 where all hold.
     free : (K, 6) array
         Motions that no point holds.
+    loose : (M, 6) array
+        Motions that only add material where there are points: nothing stops the part.
     """
 
     rotation: Array
     translation_mm: Array
+    overstock_mm: Array
     margins_mm: Array
     jacobian: Array
+    centre_mm: Array
     size_mm: float
     limiting: Array
+    limits_held: Array
+    breach_mm: float
     free: Array
+    loose: Array
 
     @property
     def smallest_mm(self) -> float:
         """Return the smallest margin."""
         return float(self.margins_mm.min())
 
+    @property
+    def pose(self) -> Pose:
+        """Return rotation and translation."""
+        return self.rotation, self.translation_mm
 
-class _State:
-    """Margins and their derivatives at a placement."""
+
+class State:
+    """Overstock and its derivatives at a placement."""
 
     def __init__(
-        self, points: Array, surfaces: Surfaces, offset: Array, pose: tuple[Array, Array]
+        self, points: Array, surfaces: Surfaces, thickness_mm: float, wish: Wish, pose: Pose
     ) -> None:
         self.pose = pose
         placed = points @ pose[0].T + pose[1]
         distance, normals = surfaces(placed)
-        self.margins = distance - offset
+        self.overstock = distance - thickness_mm
         self.centre = placed.mean(axis=0)
         arms = placed - self.centre
         self.size = max(float(np.sqrt((arms**2).sum(axis=1).mean())), 1e-9)
         self.jacobian = np.hstack([normals, np.cross(arms, normals) / self.size])
+        self.margins = np.where(wish.is_aside, np.inf, self.overstock - wish.required_mm)
+        self.limits, self.limit_rows = wish.limits(self.overstock, self.jacobian)
+        self.correction, self.freedom = _datum(self.overstock, self.jacobian, wish)
 
-    def moved(self, step: Array) -> tuple[Array, Array]:
+    def moved(self, step: Array) -> Pose:
         """Return the pose after a small motion."""
         turn = Rotation.from_rotvec(step[3:] / self.size).as_matrix()
         rotation, translation = self.pose
         return turn @ rotation, turn @ (translation - self.centre) + self.centre + step[:3]
 
+    def breach(self, floor: Array) -> float:
+        """Return by how much the worst limit or floor is broken."""
+        held = ~np.isnan(floor)
+        values = np.concatenate([self.limits, (self.margins - floor)[held], [0.0]])
+        return float(max(-values.min(), 0.0) + np.abs(self.correction).max())
+
+
+def _datum(overstock: Array, jacobian: Array, wish: Wish) -> tuple[Array, Array]:
+    """Return the motion that brings the datum faces to their stock, and what freedom is left."""
+    step, freedom = np.zeros(6), np.eye(6)
+    if wish.datum_mm is None or wish.datum_rank is None:
+        return step, freedom
+    for rank in np.unique(wish.datum_rank[wish.is_datum]):
+        on = wish.is_datum & (wish.datum_rank == rank)
+        if freedom.shape[1] == 0:
+            break
+        rows = jacobian[on] @ freedom
+        wanted = wish.datum_mm[on] - overstock[on] - jacobian[on] @ step
+        values, axes = np.linalg.eigh(rows.T @ rows)
+        known = values > RANK**2 * max(1.0, values[-1])
+        answer = axes[:, known] @ ((axes[:, known].T @ (rows.T @ wanted)) / values[known])
+        step = step + freedom @ answer
+        freedom = freedom @ axes[:, ~known]
+    return step, freedom
+
 
 def place_evenly(
     points: Array,
     surfaces: Surfaces,
+    wish: Wish,
     *,
-    required_mm: Array,
-    groups: Array,
     thickness_mm: float = 0.0,
     rotation: Array | None = None,
     translation_mm: Array | None = None,
+    rounds: int = ROUNDS,
+    radius_mm: float | None = None,
 ) -> Placement:
     """Return the placement with the largest smallest margin, then group by group.
 
@@ -103,65 +167,92 @@ def place_evenly(
         Centres of the foils, survey frame, mm.
     surfaces : function
         Distance outside each point's face and its outward normal, from places in the part frame.
-    required_mm : (N,) array
-        Allowance of each point's group.
-    groups : (N,) array of int
-        Group of each point.
+    wish : Wish
+        Allowances and limits.
     thickness_mm : float
         Of the foil.
     rotation, translation_mm : (3, 3), (3,) arrays
         Start, part_T_survey.
+    rounds, radius_mm : int, float
+        Programmes a level, and the first bound of a step: few and small where the start is
+        known to be close.
     """
-    offset = required_mm + thickness_mm
-    pose = (
-        np.eye(3) if rotation is None else rotation,
-        np.zeros(3) if translation_mm is None else translation_mm,
+
+    def state_at(pose: Pose) -> State:
+        return State(points, surfaces, thickness_mm, wish, pose)
+
+    state = state_at(
+        (
+            np.eye(3) if rotation is None else rotation,
+            np.zeros(3) if translation_mm is None else translation_mm,
+        )
     )
-    floor = np.full(len(points), np.nan)
-    limiting = np.zeros(len(points))
-    while np.isnan(floor).any():
-        open_ = np.isnan(floor)
-        state, multipliers, margin = _raise_smallest(points, surfaces, offset, pose, floor)
-        pose = state.pose
+    state = _on_datum(state, state_at)
+    floor = np.where(wish.is_aside, -np.inf, np.nan)
+    done = wish.is_aside.copy()
+    limiting, held = np.zeros(len(points)), np.zeros(len(state.limits))
+    loose: list[Array] = []
+    while not done.all():
+        level = _raise_level(state, state_at, floor, done, rounds, radius_mm or 0.1 * state.size)
+        state = level.state
         if not limiting.any():
-            limiting = multipliers
-        fixed = {int(g) for g in np.unique(groups[open_ & (multipliers > MULTIPLIER)])}
-        if not fixed:
+            limiting, held = level.multipliers, level.held
+        fixed = np.unique(wish.groups[~done & (level.multipliers > MULTIPLIER)])
+        if level.endless is not None:
+            loose.append(level.endless)
+        if level.endless is not None or len(fixed) == 0:
+            # What nothing stops is not raised without end: it keeps what all have by now.
+            floor[~done] = np.nanmax(np.append(floor[done & np.isfinite(floor)], level.smallest))
+            floor[~done] = np.minimum(floor[~done], state.margins[~done].min())
             break
-        floor[open_ & np.isin(groups, list(fixed))] = margin
-    state = _State(points, surfaces, offset, pose)
-    _, values, axes = np.linalg.svd(state.jacobian, full_matrices=True)
-    rank = int((values > 1e-6 * values[0]).sum())
-    return Placement(
-        rotation=pose[0],
-        translation_mm=pose[1],
-        margins_mm=state.margins,
-        jacobian=state.jacobian,
-        size_mm=state.size,
-        limiting=limiting,
-        free=axes[rank:],
-    )
+        now = ~done & np.isin(wish.groups, fixed)
+        floor[now], done[now] = level.smallest, True
+    state = _most_parallel(state, state_at, floor, wish)
+    return _placement(state, limiting, held, loose)
 
 
-def _raise_smallest(
-    points: Array,
-    surfaces: Surfaces,
-    offset: Array,
-    pose: tuple[Array, Array],
-    floor: Array,
-) -> tuple[_State, Array, float]:
-    """Raise the smallest margin of the points without a floor; the others keep theirs."""
-    open_ = np.isnan(floor)
-    state = _State(points, surfaces, offset, pose)
-    radius = 0.1 * state.size
-    multipliers = np.zeros(len(points))
+def _on_datum(state: State, state_at: Callable[[Pose], State]) -> State:
+    """Bring the datum faces to their stock."""
     for _ in range(ROUNDS):
-        step, multipliers, promised = _programme(state, floor, radius)
-        trial = _State(points, surfaces, offset, state.moved(step))
+        if np.abs(state.correction).max() < 1e-10:
+            break
+        state = state_at(state.moved(state.correction))
+    return state
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Level:
+    state: State
+    multipliers: Array
+    held: Array
+    smallest: float
+    endless: Array | None
+
+
+def _raise_level(
+    state: State,
+    state_at: Callable[[Pose], State],
+    floor: Array,
+    done: NDArray[np.bool_],
+    rounds: int,
+    radius: float,
+) -> _Level:
+    """Raise the smallest margin of the groups that are not done; the others keep theirs."""
+    multipliers, held = np.zeros(len(done)), np.zeros(len(state.limits))
+    endless = None
+    for _ in range(rounds):
+        answer = _programme(state, floor, done, radius)
+        if answer is None:
+            break
+        step, promised, multipliers, held, bounded = answer
+        if not bounded:
+            endless = _endless(state, floor, done)
+            if endless is not None:
+                break
+        trial = state_at(state.moved(step))
         length = float(np.abs(step).max())
-        broken = np.nanmin(np.append(trial.margins[~open_] - floor[~open_], 0.0))
-        before = np.nanmin(np.append(state.margins[~open_] - floor[~open_], 0.0))
-        gain = trial.margins[open_].min() - state.margins[open_].min() + 10.0 * (broken - before)
+        gain = trial.margins[~done].min() - state.margins[~done].min()
+        gain -= BREACH * (trial.breach(floor) - state.breach(floor))
         if gain >= 0.0:
             state = trial
             if length < 1e-9:
@@ -169,23 +260,120 @@ def _raise_smallest(
             radius *= 2.0
         else:
             radius = 0.25 * min(radius, length)
-        if radius < SMALLEST_STEP_MM or (promised < 1e-12 and broken > -1e-12):
+        if radius < SMALLEST_STEP_MM or (promised < 1e-12 and trial.breach(floor) < 1e-12):
             break
-    return state, multipliers, float(state.margins[open_].min())
+    return _Level(
+        state=state,
+        multipliers=multipliers,
+        held=held,
+        smallest=float(state.margins[~done].min()),
+        endless=endless,
+    )
 
 
-def _programme(state: _State, floor: Array, radius: float) -> tuple[Array, Array, float]:
-    """Solve the linear programme: step, multipliers of the open points, promised gain."""
-    open_ = np.isnan(floor)
-    now = float(state.margins[open_].min())
-    rows = np.hstack([-state.jacobian, open_[:, None].astype(float)])
-    # A floor that rounding has broken by a hair must not make the programme infeasible.
-    slack = np.where(open_, state.margins - now, np.maximum(state.margins - floor, 0.0))
-    bounds = [(-radius, radius)] * 6 + [(None, None)]
-    answer = linprog([0.0] * 6 + [-1.0], A_ub=rows, b_ub=slack, bounds=bounds, method="highs")
-    if answer.x is None:
-        return np.zeros(6), np.zeros(len(floor)), 0.0
-    return answer.x[:6], np.where(open_, -answer.ineqlin.marginals, 0.0), float(answer.x[6])
+def _programme(
+    state: State, floor: Array, done: NDArray[np.bool_], radius: float
+) -> tuple[Array, float, Array, Array, bool] | None:
+    """Solve the linear programme.
+
+    Returns step, promised gain, multipliers of points and of limits, and whether the rows alone
+    bound the gain: then their weighted sum does not change with the motion.
+    """
+    rows = np.isfinite(state.margins) & ~np.isneginf(floor)
+    values = np.where(done, state.margins - np.where(done, floor, 0.0), state.margins)[rows]
+    values = np.concatenate([values, state.limits])
+    jacobian = np.vstack([state.jacobian[rows], state.limit_rows])
+    correction = np.clip(state.correction, -radius, radius)
+    raised = np.concatenate([~done[rows], np.zeros(len(state.limits), dtype=bool)])
+    values = values + jacobian @ correction
+    answer = raise_smallest(values, jacobian @ state.freedom, raised, radius)
+    if answer is None:
+        return None
+    multipliers = np.zeros(len(done))
+    multipliers[rows] = answer.multipliers[: rows.sum()]
+    multipliers[done] = 0.0
+    now = float(state.margins[~done].min())
+    step = correction + state.freedom @ _shortest(values, jacobian @ state.freedom, raised, answer)
+    slope = float(np.abs(answer.multipliers @ (jacobian @ state.freedom)).max(initial=0.0))
+    held = answer.multipliers[rows.sum() :]
+    return step, answer.smallest_mm - now, multipliers, held, slope < BOUNDED
+
+
+def _shortest(values: Array, jacobian: Array, raised: NDArray[np.bool_], answer: Answer) -> Array:
+    """Return the shortest of the steps that answer a programme: nothing drifts without a reason.
+
+    ``values`` and ``jacobian`` as given to the programme.
+    """
+    limit = np.where(raised, answer.smallest_mm, np.minimum(values + jacobian @ answer.step, 0.0))
+    slack = SLACK * max(1.0, float(np.abs(answer.step).max(initial=0.0)))
+    count = jacobian.shape[1]
+    step = nearest_allowed(np.eye(count), np.zeros(count), jacobian, limit - values - slack)
+    if step is None or not np.isfinite(step).all():
+        return answer.step
+    after = values + jacobian @ step - limit
+    return answer.step if after.min() < -10.0 * slack else step
+
+
+def _endless(state: State, floor: Array, done: NDArray[np.bool_]) -> Array | None:
+    """Return the unit motion that raises all that is not done without end, or None."""
+    answer = _programme(state, floor, done, FAR_MM)
+    if answer is None or answer[1] < ENDLESS_MM:
+        return None
+    return np.asarray(answer[0] / np.linalg.norm(answer[0]))
+
+
+def _most_parallel(
+    state: State, state_at: Callable[[Pose], State], floor: Array, wish: Wish
+) -> State:
+    """Of the placements that keep all floors, take the one with the least spread in each group."""
+    held = np.isfinite(floor)
+    for _ in range(4):
+        freedom = state.freedom
+        if freedom.shape[1] == 0:
+            break
+        rows, wanted = _spread(state, wish, freedom)
+        jacobian = np.vstack([state.jacobian[held], state.limit_rows]) @ freedom
+        left = np.concatenate([(state.margins - floor)[held], state.limits])
+        y = nearest_allowed(rows, wanted, jacobian, -np.maximum(left, 0.0))
+        if y is None or not np.isfinite(y).all() or np.abs(y).max() > 0.1 * state.size:
+            break
+        trial = state_at(state.moved(freedom @ y))
+        if trial.breach(floor) > state.breach(floor) + 1e-7:
+            break
+        state = trial
+        if np.abs(y).max() < 1e-9:
+            break
+    return state
+
+
+def _spread(state: State, wish: Wish, freedom: Array) -> tuple[Array, Array]:
+    """Return rows and goal: each overstock minus its group's mean; a little of staying put."""
+    sums = np.zeros((int(wish.groups.max()) + 1, 7))
+    both = np.hstack([state.jacobian, state.overstock[:, None]])
+    np.add.at(sums, wish.groups, both)
+    counts = np.bincount(wish.groups, minlength=len(sums))
+    apart = both - (sums / np.maximum(counts, 1)[:, None])[wish.groups]
+    stay = STAY * np.eye(6)
+    rows = np.vstack([apart[:, :6], stay]) @ freedom
+    return rows, np.concatenate([-apart[:, 6], np.zeros(6)])
+
+
+def _placement(state: State, limiting: Array, held: Array, loose: list[Array]) -> Placement:
+    values, axes = np.linalg.eigh(state.jacobian.T @ state.jacobian)
+    return Placement(
+        rotation=state.pose[0],
+        translation_mm=state.pose[1],
+        overstock_mm=state.overstock,
+        margins_mm=state.margins,
+        jacobian=state.jacobian,
+        centre_mm=state.centre,
+        size_mm=state.size,
+        limiting=limiting,
+        limits_held=held,
+        breach_mm=float(max(-state.limits.min(initial=0.0), 0.0)),
+        free=axes[:, values <= RANK**2 * values[-1]].T,
+        loose=np.array(loose).reshape(-1, 6),
+    )
 
 
 def place_by_least_squares(
@@ -194,15 +382,16 @@ def place_by_least_squares(
     *,
     rotation: Array | None = None,
     translation_mm: Array | None = None,
-) -> tuple[Array, Array]:
+) -> Pose:
     """Return part_R_survey and translation of the best fit: for comparison, not for milling."""
     pose = (
         np.eye(3) if rotation is None else rotation,
         np.zeros(3) if translation_mm is None else translation_mm,
     )
+    wish = Wish(groups=np.zeros(len(points), dtype=np.int64), required_mm=np.zeros(len(points)))
     for _ in range(ROUNDS):
-        state = _State(points, surfaces, np.zeros(len(points)), pose)
-        step = np.linalg.lstsq(state.jacobian, -state.margins, rcond=1e-9)[0]
+        state = State(points, surfaces, 0.0, wish, pose)
+        step = np.linalg.lstsq(state.jacobian, -state.overstock, rcond=1e-9)[0]
         pose = state.moved(np.asarray(step, dtype=np.float64))
         if np.abs(step).max() < 1e-10:
             break

@@ -1,0 +1,60 @@
+"""The optional reader for STEP, installed when it is first needed."""
+
+from __future__ import annotations
+
+import importlib
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+from omm_core.errors import InputError
+
+MODULE = "cascadio"
+
+
+def step_reader(root: Path | None) -> Any:
+    """Return the module; ``root`` holds requirements/step.lock, which pins it.
+
+    Raises
+    ------
+    InputError
+        Where it is not there and cannot be installed.
+    """
+    try:
+        return importlib.import_module(MODULE)
+    except ImportError:
+        lock = (root or Path()) / "requirements" / "step.lock"
+    if not lock.is_file():
+        raise InputError(
+            f"Reading STEP needs the module {MODULE}, and requirements/step.lock is not there to"
+            f" install it from. Give the CAD as STL, or install {MODULE}."
+        )
+    _install(lock)
+    importlib.invalidate_caches()
+    try:
+        return importlib.import_module(MODULE)
+    except ImportError as error:
+        raise InputError(
+            f"The reader for STEP was installed, but does not load ({error}). Give the CAD as STL."
+        ) from None
+
+
+def _install(lock: Path) -> None:
+    print("omm: installing the reader for STEP (once, 28 MB) …", file=sys.stderr, flush=True)
+    command = [sys.executable, "-m", "pip", "install", "--no-deps", "--require-hashes"]
+    command += ["--progress-bar", "raw", "--disable-pip-version-check", "-r", str(lock)]
+    last = "pip failed"
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    ) as pip:
+        for line in pip.stdout or ():
+            words = line.split()
+            if len(words) == 4 and words[0] == "Progress" and words[3] != "0":
+                share = 100 * int(words[1]) // int(words[3])
+                print(f"\r  {share:3d} %", end="", file=sys.stderr, flush=True)
+            elif words:
+                last = line.strip()
+    print(file=sys.stderr)
+    if pip.returncode != 0:
+        raise InputError(f"The reader for STEP cannot be installed ({last}). Give the CAD as STL.")
