@@ -1,5 +1,7 @@
 """A network of photographs gives back the points that it was made of."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -57,6 +59,45 @@ def test_coordinates_err_as_much_as_their_covariance_says_and_blunders_are_left_
     errors = turn.inv().apply(points - points.mean(0)) - (found - found.mean(0))
     sigma2 = np.diag(network.solution.covariance_of("points")).reshape(-1, 3)
     assert 0.5 < np.mean(errors**2 / sigma2) < 1.7
+
+
+def test_a_target_that_moved_is_named_and_left_out_and_harms_no_other() -> None:
+    points, sightings = photographs(np.random.default_rng(11))
+    clean = solve_network(sightings, bars_of(points), 3010.0, SIZE)
+    values = clean.solution.values
+    shifted = {**values, "points": values["points"] + [0.9, -0.7, 0.0]}
+    moved = []
+    for s in sightings:
+        if s.point == 12 and s.photo % 2:
+            rows = (np.array([clean.photos[s.photo]]), np.array([clean.points[12]]))
+            there, here = (
+                evaluate_rays(v, *rows, clean.middle_px)[0][0] for v in (shifted, values)
+            )
+            s = replace(s, center_px=s.center_px + there - here)
+        moved.append(s)
+    network = solve_network(moved, bars_of(points), 3010.0, SIZE)
+    assert set(network.left_out_points) == {12}
+    assert "moved" in network.left_out_points[12]
+    assert not network.left_out_photos
+    sigma = np.sqrt(np.diag(clean.solution.covariance_of("points"))).reshape(-1, 3)
+    there = np.array([network.xyz_mm(n) for n in network.points])
+    wanted = np.array([clean.xyz_mm(n) for n in network.points])
+    turn, _ = Rotation.align_vectors(wanted - wanted.mean(0), there - there.mean(0))
+    away = np.abs(turn.apply(there - there.mean(0)) - (wanted - wanted.mean(0)))
+    assert (away < 1.5 * sigma[[clean.points[n] for n in network.points]]).all()
+
+
+def test_photographs_with_another_zoom_are_named_and_left_out() -> None:
+    points, sightings = photographs(np.random.default_rng(12))
+    middle = (np.array(SIZE) - 1) / 2
+    zoomed = [
+        replace(s, center_px=middle + 1.01 * (s.center_px - middle)) if s.photo >= 12 else s
+        for s in sightings
+    ]
+    network = solve_network(zoomed, bars_of(points), 3060.0, SIZE)
+    assert set(network.left_out_photos) == set(range(12, 18))
+    assert all("zoom" in why for why in network.left_out_photos.values())
+    assert network.lens[0] == pytest.approx(3010.0, abs=2.0)
 
 
 def test_without_a_measured_bar_there_is_no_scale() -> None:

@@ -107,7 +107,7 @@ def test_normal_and_diameter_come_out_of_ellipses_and_tell_the_shift_of_the_cent
         )
         for i in range(4)
     )
-    circle = circles_of(values, sightings, photo, point, np.ones(4, dtype=bool), np.zeros(2))[0]
+    circle = circles_of(values, sightings, photo, point, np.ones(4, dtype=bool), np.zeros(2), {})[0]
     assert circle.normal == pytest.approx(normal, abs=0.01)
     assert circle.diameter_mm == pytest.approx(12.0, rel=2e-3)
     shift = eccentricities(values, photo, point, circle.normal[None], np.array([12.0]))

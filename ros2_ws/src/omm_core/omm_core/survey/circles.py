@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 
 _TURNS = 12
 _SETTLED = 1e-6
+_FLAT = np.array([1.0, np.sqrt(2.0), 1.0])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,29 +54,40 @@ def circles_of(
     point: NDArray[np.intp],
     used: NDArray[np.bool_],
     middle_px: Array,
+    before: dict[int, Circle],
 ) -> dict[int, Circle]:
-    """Return the circles by row of their point, where two views or more tell them."""
+    """Return the circles by row of their point, where two views or more tell them.
+
+    ``before`` are those that are nearly known: where the search begins.
+    """
     jacobians = evaluate_rays(values, photo, point, middle_px)[1]["points"]
     there = used & np.array([s.spread_px2 is not None for s in sightings])
-    found = {}
-    for row in np.unique(point[there]):
-        rays = np.flatnonzero(there & (point == row))
+    found: dict[int, Circle] = {}
+    every = np.flatnonzero(there)
+    if not len(every):
+        return found
+    every = every[np.argsort(point[every], kind="stable")]
+    rows, starts = np.unique(point[every], return_index=True)
+    for row, rays in zip(rows, np.split(every, starts[1:]), strict=True):
         spreads = np.array([sightings[i].spread_px2 for i in rays])
         towards = values["photos"][photo[rays], 3:] - values["points"][row]
-        circle = _circle(jacobians[rays], spreads, towards)
+        known = before.get(int(row))
+        circle = _circle(jacobians[rays], spreads, towards, known)
         if circle is not None:
             found[int(row)] = circle
     return found
 
 
-def _circle(jacobians: Array, spreads: Array, towards: Array) -> Circle | None:
+def _circle(
+    jacobians: Array, spreads: Array, towards: Array, known: Circle | None
+) -> Circle | None:
     if len(spreads) < 2:
         return None
     weight = 1.0 / np.sqrt(np.linalg.det(spreads))
     seen = _flat(spreads) * weight[:, None]
     directions = towards / np.linalg.norm(towards, axis=1, keepdims=True)
     best: tuple[float, Array, float] | None = None
-    for start in _starts(directions):
+    for start in _starts(directions) if known is None else [known.normal]:
         cost, normal, r2 = _fitted(jacobians, seen, weight, start)
         if (normal @ directions.T > 0.0).all() and (best is None or cost < best[0]):
             best = (cost, normal, r2)
@@ -91,10 +103,17 @@ def _starts(directions: Array) -> list[Array]:
     """Return normals to start from: towards all cameras, and leant to four sides."""
     mean = directions.mean(axis=0)
     mean /= np.linalg.norm(mean)
-    across = np.cross(mean, np.eye(3)[np.argmin(np.abs(mean))])
-    across /= np.linalg.norm(across)
-    other = np.cross(mean, across)
+    across, other = _across(mean)
     return [mean + 0.7 * side for side in (0 * across, across, -across, other, -other)]
+
+
+def _across(normal: Array) -> tuple[Array, Array]:
+    """Return two unit vectors at right angles to a unit vector and to each other."""
+    x, y, z = normal
+    first = np.array([0.0, -z, y]) if abs(x) < 0.6 else np.array([z, 0.0, -x])
+    first = first / np.sqrt(first @ first)
+    a, b, c = first
+    return first, np.array([y * c - z * b, z * a - x * c, x * b - y * a])
 
 
 def _fitted(
@@ -112,16 +131,17 @@ def _fitted(
         before, cost = cost, float(np.sum(rest**2))
         if before - cost < _SETTLED * cost:
             break
-        axis = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
-        axis /= np.linalg.norm(axis)
+        sides = _across(normal)
         columns = [shape.ravel()]
-        sides = (axis, np.cross(normal, axis))
         for side in sides:
             js = jacobians @ side
             both = jn[:, :, None] * js[:, None, :]
             slope = -_flat(both + np.swapaxes(both, 1, 2)) * weight[:, None] * r2
             columns.append(slope.ravel())
-        step = np.linalg.lstsq(np.stack(columns, axis=1), rest.ravel(), rcond=1e-9)[0]
+        slopes = np.stack(columns, axis=1)
+        normals = slopes.T @ slopes
+        normals.flat[::4] *= 1.0 + 1e-9
+        step = np.linalg.solve(normals, slopes.T @ rest.ravel())
         lean = step[1] * sides[0] + step[2] * sides[1]
         normal = normal + lean * min(1.0, 0.4 / max(float(np.linalg.norm(lean)), 1e-12))
         normal /= np.linalg.norm(normal)
@@ -130,9 +150,7 @@ def _fitted(
 
 def _flat(matrices: Array) -> Array:
     """Return symmetric (M, 2, 2) as (M, 3), the mixed term with its double weight's root."""
-    return np.stack(
-        [matrices[:, 0, 0], np.sqrt(2.0) * matrices[:, 0, 1], matrices[:, 1, 1]], axis=1
-    )
+    return matrices.reshape(-1, 4)[:, [0, 1, 3]] * _FLAT
 
 
 def eccentricities(

@@ -56,6 +56,8 @@ class Network:
     middle_px : (2,) array
     t2 : (M,) array
         Test of each ray, chi-square of two.
+    left_out_points, left_out_photos : mapping
+        Why coded targets and photographs do not take part, by number.
     """
 
     photos: dict[int, int]
@@ -69,6 +71,8 @@ class Network:
     t2: Array
     circles: dict[int, Circle] = field(default_factory=dict)
     diameters_mm: dict[str, float] = field(default_factory=dict)
+    left_out_points: dict[int, str] = field(default_factory=dict)
+    left_out_photos: dict[int, str] = field(default_factory=dict)
 
     @property
     def lens(self) -> Array:
@@ -270,8 +274,11 @@ class _Fitting:
 
     def _look(self, values: Values) -> None:
         """Take normals and diameters from the ellipses."""
-        circles = circles_of(values, self.sightings, self.photo, self.point, self.used, self.middle)
         numbers = list(self.points)
+        before = {row: self.circles[n] for n, row in self.points.items() if n in self.circles}
+        circles = circles_of(
+            values, self.sightings, self.photo, self.point, self.used, self.middle, before
+        )
         self.circles = {numbers[row]: circle for row, circle in circles.items()}
         for kind in (CODED, PLAIN):
             of_kind = [c for n, c in self.circles.items() if (n < 0) == (kind == PLAIN)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +11,6 @@ from omm_core.errors import MeasurementError
 from omm_core.survey.camera_model import project, undistorted
 from omm_core.survey.matching import match_dots, placed
 from omm_core.survey.network import (
-    FEWEST_IN_PHOTO,
-    FEWEST_RAYS,
     REJECTION,
     Network,
     State,
@@ -23,6 +20,7 @@ from omm_core.survey.network import (
 )
 from omm_core.survey.sighting import CODED, PLAIN, Bar, Sighting, sighting_of_dot
 from omm_core.survey.start import Rays, intersect_points, resect_photos, start_network
+from omm_core.survey.weeding import Misfits, misfits_of, zoomed_photos
 from omm_core.targets.plain import PlainDot
 
 Array = NDArray[np.float64]
@@ -60,45 +58,45 @@ def solve_network(
         Where photographs do not hang together, or no bar was measured.
     """
     middle = (np.array(size_px) - 1.0) / 2.0
-    network = _coded_network(sightings, bars, focal_length_px, middle, diameters_mm or {})
+    declared = diameters_mm or {}
+    network = _coded_network(sightings, bars, focal_length_px, middle, declared)
+    zoomed = zoomed_photos(network)
+    if zoomed:
+        sightings = [s for s in sightings if s.photo not in zoomed]
+        network = _coded_network(sightings, bars, focal_length_px, middle, declared)
     every = sightings
     if dots:
-        network, every = _with_dots(network, sightings, bars, dots, diameters_mm or {})
-    return _weeded(network, every, bars, diameters_mm or {})
+        network, every = _with_dots(network, sightings, bars, dots, declared)
+    return _weeded(network, every, bars, declared, Misfits(photos=zoomed))
 
 
 def _weeded(
-    network: Network, sightings: list[Sighting], bars: list[Bar], declared: dict[str, float]
+    network: Network,
+    sightings: list[Sighting],
+    bars: list[Bar],
+    declared: dict[str, float],
+    out: Misfits,
 ) -> Network:
     """Adjust for good; what then still contradicts itself is left out with all of its rays."""
     state = state_of(network, declared)
     for _ in range(_WEEDINGS):
         stages = stages_for(len(state.photos))[-1:]
         network = adjusted(state, sightings, bars, network.middle_px, stages, REJECTION)
-        points, photos = _contradictions(network)
-        if not points and not photos:
+        more = misfits_of(network)
+        if not more:
             break
+        out = out.with_(more)
         state = state_of(network, declared)
-        for number in points:
+        for number in more.points:
             del state.points[number]
-        for number in photos:
+        for number in more.photos:
             del state.photos[number]
-    return network
-
-
-def _contradictions(network: Network) -> tuple[list[int], list[int]]:
-    """Return points and photographs of which no ray can be spared, though one does not fit."""
-    bad = network.used & (network.t2 > REJECTION)
-    rays = network.ray_counts()
-    points = {s.point for s, out in zip(network.sightings, bad, strict=True) if out}
-    points = {n for n in points if rays[n] <= FEWEST_RAYS}
-    of_photo = Counter(s.photo for s, u in zip(network.sightings, network.used, strict=True) if u)
-    photos = {
-        s.photo
-        for s, out in zip(network.sightings, bad, strict=True)
-        if out and s.point not in points and of_photo[s.photo] <= FEWEST_IN_PHOTO
+    told = {
+        n: why
+        for n, why in out.points.items()
+        if n > 0  # plain ones have no name beforehand
     }
-    return sorted(points), sorted(photos)
+    return replace(network, left_out_points=told, left_out_photos=out.photos)
 
 
 def _coded_network(

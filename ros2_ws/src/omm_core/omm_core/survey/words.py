@@ -26,7 +26,9 @@ def findings_of(
     network: Network, photo_name: Callable[[int], str], nominal_focal_px: float
 ) -> list[str]:
     """Return the findings of a network, the gravest first."""
+    gone = [f"Target {n} is left out: {why}." for n, why in network.left_out_points.items()]
     return [
+        *gone,
         *_bars(network),
         *_suspects(network, photo_name),
         *_few_rays(network),
@@ -157,7 +159,7 @@ def _listed(names: list[str], most: int = 12) -> str:
 
 def photo_reasons(count: int, network: Network, known: Mapping[int, str]) -> dict[int, str]:
     """Return why each photograph that is not part of the network is not, by number."""
-    reasons = dict(known)
+    reasons = {**network.left_out_photos, **known}
     for number in range(count):
         if number not in network.photos:
             reasons.setdefault(number, "too few targets in common with the rest of the network")

@@ -1,0 +1,180 @@
+"""What does not belong: targets that moved, photographs with another zoom, what contradicts itself.
+
+Rays are tested one by one in `network`; here it is judged what the rejected ones have in common, so
+that the cause can be named and all that it touched be left out.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from omm_core.survey.camera_model import evaluate_rays, undistorted
+from omm_core.survey.network import FEWEST_IN_PHOTO, FEWEST_RAYS, REJECTION, Network
+
+Array = NDArray[np.float64]
+
+_MOVED_SIGMAS = 5.0
+_ZOOM_SIGMAS = 8.0
+_ZOOM_LEAST = 1e-4  # of the focal length
+_ZOOM_OF_ONE = 0.005
+_ZOOM_APART = 4.0  # distance of two groups by the scatter within them
+_BAD_SHARE = 0.4  # of a photograph's rays
+
+
+@dataclass(frozen=True, kw_only=True)
+class Misfits:
+    """What is left out, and why, in words that follow its name."""
+
+    points: dict[int, str] = field(default_factory=dict)
+    photos: dict[int, str] = field(default_factory=dict)
+
+    def __bool__(self) -> bool:
+        return bool(self.points or self.photos)
+
+    def with_(self, more: Misfits) -> Misfits:
+        """Return both; the first reason stays."""
+        return Misfits(points={**more.points, **self.points}, photos={**more.photos, **self.photos})
+
+
+def misfits_of(network: Network) -> Misfits:
+    """Return what must be left out of a network with all of its rays."""
+    moved = _moved(network)
+    points = {**_contradicting_points(network), **moved}
+    return Misfits(points=points, photos=_contradicting_photos(network, set(points)))
+
+
+def _contradicting_points(network: Network) -> dict[int, str]:
+    """Return points of which no ray can be spared, though one does not fit."""
+    bad = network.used & (network.t2 > REJECTION)
+    rays = network.ray_counts()
+    numbers = {s.point for s, out in zip(network.sightings, bad, strict=True) if out}
+    why = "its rays contradict each other and there are too few to tell which is wrong"
+    return {n: why for n in sorted(numbers) if rays[n] <= FEWEST_RAYS}
+
+
+def _contradicting_photos(network: Network, without: set[int]) -> dict[int, str]:
+    every, used, bad = Counter[int](), Counter[int](), Counter[int]()
+    for s, u, t2 in zip(network.sightings, network.used, network.t2, strict=True):
+        if s.point not in without:
+            every[s.photo] += 1
+            used[s.photo] += int(u)
+            bad[s.photo] += int(u and t2 > REJECTION)
+    reasons = {}
+    for photo, count in every.items():
+        out = count - used[photo]
+        few = bad[photo] and used[photo] <= FEWEST_IN_PHOTO
+        if few or (out >= 3 and out > _BAD_SHARE * count):
+            reasons[photo] = f"{out + bad[photo]} of its {count} rays contradict the others"
+    return reasons
+
+
+def _moved(network: Network) -> dict[int, str]:
+    """Return targets whose rejected rays agree on another place."""
+    out: dict[int, list[int]] = {}
+    for i, (s, used) in enumerate(zip(network.sightings, network.used, strict=True)):
+        if not used:
+            out.setdefault(s.point, []).append(i)
+    moved = {}
+    for point, rays in out.items():
+        if len(rays) < 2:
+            continue
+        place = _meeting(network, rays)
+        if place is not None:
+            by = float(np.linalg.norm(place - network.xyz_mm(point)))
+            moved[point] = (
+                f"{len(rays)} photographs show it {by:.2f} mm from where the other"
+                f" {network.rays_of(point)} do: it moved, or its number stands on two targets"
+            )
+    return moved
+
+
+def _meeting(network: Network, rays: list[int]) -> Array | None:
+    """Return where rays meet, or None where they do not."""
+    seen = np.array([network.sightings[i].center_px for i in rays])
+    poses = np.array([network.pose(network.sightings[i].photo) for i in rays])
+    ideal = undistorted(network.lens, seen - network.middle_px)
+    turns = Rotation.from_rotvec(poses[:, :3])
+    looks = turns.inv().apply(np.column_stack([ideal, np.ones(len(ideal))]))
+    looks /= np.linalg.norm(looks, axis=1, keepdims=True)
+    across = np.eye(3) - looks[:, :, None] * looks[:, None, :]
+    normal = across.sum(axis=0)
+    if np.linalg.eigvalsh(normal)[0] < 1e-4 * len(rays):
+        return None
+    place = np.linalg.solve(normal, np.einsum("nij,nj->i", across, poses[:, 3:]))
+    inside = turns.apply(place - poses[:, 3:])
+    if (inside[:, 2] <= 0).any():
+        return None
+    off = (inside[:, :2] / inside[:, 2:] - ideal) * network.lens[0]
+    detector = np.array([network.sightings[i].covariance_px2 for i in rays])
+    covariance = network.noise.covariance(detector, network.kinds[rays])
+    t2 = np.einsum("mi,mij,mj->m", off, np.linalg.inv(covariance), off)
+    # Excentricity is not taken off here: a few hundredths of a pixel are no contradiction.
+    fits = (t2 < _MOVED_SIGMAS**2) | (np.linalg.norm(off, axis=1) < 0.05)
+    return place if fits.all() else None
+
+
+def zoomed_photos(network: Network) -> dict[int, str]:
+    """Return photographs that were taken with another focal length than most, and by how much.
+
+    Of each photograph a scale of its picture is estimated beside its pose; two groups that are far
+    apart mean that zoom or focus were touched.
+    """
+    scales, sigmas = _own_scales(network)
+    numbers = np.array(list(network.photos))
+    known = np.isfinite(scales) & (sigmas > 0)
+    if known.sum() < 6:
+        return {}
+    s, numbers, sigmas = scales[known], numbers[known], sigmas[known]
+    order = np.argsort(s)
+    gaps = np.diff(s[order])
+    cut = 1 + int(np.argmax(gaps))
+    groups = (order[:cut], order[cut:])
+    apart = float(np.median(s[groups[1]]) - np.median(s[groups[0]]))
+    scatter = np.concatenate([s[g] - np.median(s[g]) for g in groups])
+    within = 1.4826 * float(np.median(np.abs(scatter)))
+    limit = max(_ZOOM_LEAST, _ZOOM_SIGMAS * float(np.median(sigmas)), _ZOOM_APART * within)
+    fewer, more = sorted(groups, key=len)
+    # One photograph alone may be off by a blunder that no test has found yet.
+    if apart < limit or (len(fewer) < 2 and apart < _ZOOM_OF_ONE):
+        return {}
+    sign = 1.0 if np.median(s[fewer]) > np.median(s[more]) else -1.0
+    return {
+        int(numbers[i]): (
+            f"it was taken with a focal length {sign * apart:+.2%} different from most others'"
+            " (zoom or focus was touched)"
+        )
+        for i in fewer
+    }
+
+
+def _own_scales(network: Network) -> tuple[Array, Array]:
+    """Return for each photograph ln(own focal length / common one) and its sigma."""
+    photo = np.array([network.photos[s.photo] for s in network.sightings])
+    point = np.array([network.points[s.point] for s in network.sightings])
+    values = network.solution.values
+    slopes = evaluate_rays(values, photo, point, network.middle_px)[1]
+    residuals = network.solution.residuals["rays"]
+    detector = np.array([s.covariance_px2 for s in network.sightings])
+    covariance = network.noise.covariance(detector, network.kinds)
+    weight = 1.0 / np.sqrt(np.einsum("mii->m", covariance) / 2.0)
+    scales, sigmas = np.full(len(network.photos), np.nan), np.full(len(network.photos), np.nan)
+    for row in range(len(network.photos)):
+        rays = np.flatnonzero((photo == row) & network.used)
+        if len(rays) < 6:
+            continue
+        own = slopes["lens"][rays, :, :1] * network.lens[0]
+        design = np.concatenate([slopes["photos"][rays], own], axis=2)
+        design = (design * weight[rays, None, None]).reshape(-1, 7)
+        rest = (residuals[rays] * weight[rays, None]).ravel()
+        unit = 1.0 / np.linalg.norm(design, axis=0)
+        step, _, rank, _ = np.linalg.lstsq(design * unit, rest, rcond=1e-10)
+        if rank == 7:
+            inverse = np.linalg.inv((design * unit).T @ (design * unit))
+            scales[row] = step[6] * unit[6]
+            sigmas[row] = np.sqrt(inverse[6, 6]) * unit[6]
+    return scales, sigmas

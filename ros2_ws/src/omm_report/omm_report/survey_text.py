@@ -1,0 +1,41 @@
+"""A survey's result as a few lines that a person reads."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+
+def survey_text(result: dict[str, Any]) -> str:
+    """Return the lines for a result in the form of ``survey --json``."""
+    points = result["points"]
+    used = sum(photo["used"] for photo in result["photos"])
+    coded = sum(point["coded"] for point in points)
+    residuals = (
+        f"{result['rms_px']:.4f} px rms"
+        if result["rms_px"] is not None
+        else f"{result['rms_mm'] * 1000:.3f} um rms"
+    )
+    lines = [
+        f"{coded} coded and {len(points) - coded} plain targets from {used} of"
+        f" {len(result['photos'])} photographs",
+        f"residuals {residuals}, {result['sigma0']:.3f} times what was expected;"
+        f" {result['degrees_of_freedom']} degrees of freedom",
+    ]
+    if points:
+        sigma = np.sqrt([np.diag(point["covariance_mm2"]) for point in points])
+        middle, worst = np.median(sigma, axis=0), int(np.argmax(sigma.max(axis=1)))
+        lines.append(
+            "standard deviations x, y, z (median): "
+            + ", ".join(f"{s:.4f}" for s in middle)
+            + f" mm; largest {sigma[worst].max():.4f} mm at {points[worst]['name']}"
+        )
+    for kind in ("scale_bars", "check_bars"):
+        for bar in result[kind]:
+            off = bar["measured_mm"] - bar["length_mm"]
+            lines.append(
+                f"{kind[:-5]} bar {bar['ends'][0]}-{bar['ends'][1]}: {bar['measured_mm']:.4f} mm,"
+                f" {off:+.4f} against its length (sigma {bar['sigma_mm']:.4f})"
+            )
+    return "\n".join(lines + result["findings"])
