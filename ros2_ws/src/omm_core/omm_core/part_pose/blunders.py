@@ -31,7 +31,7 @@ from omm_core.part_pose.posterior import (
     posterior,
 )
 from omm_core.part_pose.problem import Problem, SolveOptions
-from omm_core.part_pose.snooping import Hypothesis, search
+from omm_core.part_pose.snooping import Hypothesis, lost, search
 from omm_core.part_pose.statistics import chi2_limit
 
 Array = NDArray[np.float64]
@@ -78,9 +78,10 @@ def search_blunders(problem: Problem, options: SolveOptions) -> Found:
     """Return pose and noise from the observations that are not demonstrably wrong."""
     first = fit(problem, options)
     start = _found(first, problem, options)
-    if not options.find_errors or (first.propagation is None and not first.unseen):
+    nowhere = first.propagation is None
+    if not options.find_errors or (nowhere and not first.unseen and not lost(first)):
         return start
-    astray = first.unseen or (start.contradictory and _rms_px(start) > _ASTRAY_PX)
+    astray = nowhere or (start.contradictory and _rms_px(start) > _ASTRAY_PX)
     if not astray:
         found = _without_blunders(start, problem, options)
         if not found.contradictory:
@@ -95,7 +96,10 @@ def _found(
     """Return what is found with a fit, and what was found before it."""
     estimated = None
     if current.propagation is not None and current.best is not None:
-        estimated = posterior(noise_model(current.problem, current.best, options), options)
+        try:
+            estimated = posterior(noise_model(current.problem, current.best, options), options)
+        except np.linalg.LinAlgError as error:
+            current = replace(current, missing=(*current.missing, f"all: {error}."))
     contradictory = estimated is not None and _beyond_machines(estimated.model, options)
     if before is not None:
         return replace(before, fit=current, posterior=estimated, contradictory=contradictory)

@@ -62,7 +62,7 @@ def search(problem: Problem, options: SolveOptions) -> Search:
     """Return the fit without the observations that are demonstrably wrong."""
     first = fit(problem, options)
     dropped = np.zeros(len(problem), dtype=bool)
-    solvable = first.propagation is not None or first.unseen
+    solvable = first.propagation is not None or first.unseen or lost(first)
     if not solvable or first.passed or not options.find_errors:
         return Search(fit=first, dropped=dropped, reasons={}, findings=())
     current, reasons, findings = first, {}, []
@@ -93,6 +93,11 @@ def search(problem: Problem, options: SolveOptions) -> Search:
     return Search(fit=current, dropped=dropped, reasons=reasons, findings=tuple(findings))
 
 
+def lost(first: Fit) -> bool:
+    """Whether errors led the least squares to where nothing is determined."""
+    return first.best is not None and not first.best.converged
+
+
 def _most_likely(
     tried: list[tuple[Hypothesis, Fit]], current: Fit, options: SolveOptions
 ) -> tuple[Hypothesis, Fit, Hypothesis | None] | None:
@@ -102,7 +107,11 @@ def _most_likely(
         for hypothesis, without in tried
         if without.determined
         and without.degrees_of_freedom >= 1
-        and (without.passed if current.unseen else _explains(current, without, options))
+        and (
+            without.passed
+            if current.propagation is None
+            else _explains(current, without, options)
+        )
     ]
     if not explaining:
         return None
@@ -158,7 +167,37 @@ def _fits_without(
         fits = [
             min(pair, key=lambda f: f.cost if f.determined else np.inf) for pair in zip(fits, anew)
         ]
-    return list(zip(hypotheses, fits)), astray
+    return list(zip(hypotheses, _smaller_explanations(hypotheses, smaller, fits, options))), astray
+
+
+def _smaller_explanations(
+    hypotheses: Sequence[Hypothesis],
+    smaller: Sequence[Problem],
+    fits: Sequence[Fit],
+    options: SolveOptions,
+) -> list[Fit]:
+    """Return the fits, those of parts of a hypothesis that is sound tried next to its pose, too.
+
+    Near the current fit, all of a target may have to go before the pose is found that shows that
+    only one image of it is wrong.
+    """
+    better = list(fits)
+    for index, found in enumerate(fits):
+        if found.passed:
+            continue
+        members = hypotheses[index].members
+        poses = [
+            pose
+            for other, sound in zip(hypotheses, fits)
+            if sound.passed and np.all(other.members[members])
+            for pose in sound.minima
+        ]
+        if poses:
+            anew = fit(smaller[index], options, near=poses)
+            better[index] = min(
+                (found, anew), key=lambda f: f.cost if f.determined else np.inf
+            )  # fmt: skip
+    return better
 
 
 def _elsewhere(near: Fit, anew: Fit) -> bool:
