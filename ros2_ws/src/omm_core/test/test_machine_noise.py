@@ -12,7 +12,7 @@ from omm_core.geometry import RigidTransform
 from omm_core.part_pose import SolveOptions, build_problem, solve
 from omm_core.part_pose.adjustment import adjust
 from omm_core.part_pose.noise_model import noise_model
-from omm_core.part_pose.posterior import posterior
+from omm_core.part_pose.posterior import WIDER, posterior
 
 SIGMA_PX = 0.005
 
@@ -148,7 +148,7 @@ def test_u_is_the_half_width_of_the_mixture(model):
     sigmas = np.sqrt(np.einsum("ij,pjk,ik->pi", to_theta, found.covariances[:, 0], to_theta))
     sample = means[picks] + sigmas[picks] * random.normal(size=(40_000, 7))
     off = np.abs(sample - found.weight @ means)
-    share = np.mean(off <= statement.expanded_uncertainty, axis=0)
+    share = np.mean(off <= statement.expanded_uncertainty / WIDER, axis=0)
     assert np.all(np.abs(share - 0.9545) < 4 * np.sqrt(0.9545 * 0.0455 / 40_000))
 
 

@@ -214,3 +214,50 @@ def test_one_bad_file_does_not_stop_the_rest(
         k: v for k, v in rows[2].items() if k != "run"
     }
     assert "3 of 3 runs" in capsys.readouterr().err
+
+
+# --- the machine ------------------------------------------------------------------------------
+
+MACHINE = """machine: {name: mill, urdf: mill.urdf}
+uncertainty: {stop_sigma_mm: 0.004, geometry_sigma_mm: 0.02, geometry_length_mm: 700}
+"""
+
+
+def test_what_is_declared_of_the_machine_is_taken_and_not_estimated(
+    bench: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "m.yaml").write_text(MACHINE)
+    free = solve_run(bench).result.to_json_dict()
+    told = solve_run(bench, SolveRunOptions(machine_file=tmp_path / "m.yaml")).result.to_json_dict()
+    assert "stop_sigma_mm" in free["machine"]["estimated"]
+    assert not free["absolute"]["declared"]
+    assert told["machine"]["estimated"] == []
+    assert told["machine"]["stop_sigma_mm"] == 0.004
+    assert told["machine"]["geometry_sigma_mm"] == 0.02
+    assert told["absolute"]["declared"]
+    # The bench is exact: far better than that machine, which is said.
+    assert any("more exact than its file declares" in words for words in told["remarks"])
+
+
+def test_a_urdf_declares_nothing(bench: Path, tmp_path: Path, solved_bench: str) -> None:
+    (tmp_path / "mill.urdf").write_text("<robot name='mill'/>")
+    options = SolveRunOptions(machine_file=tmp_path / "mill.urdf")
+    assert result_text(bench, options) == solved_bench
+
+
+def test_a_machine_file_inside_the_recording_serves_where_nobody_measured_live(
+    bench: Path, tmp_path: Path
+) -> None:
+    run = again(bench, tmp_path, files=True)
+    (tmp_path / "machine.yaml").write_text(MACHINE)
+    solved = solve_run(run)
+    assert solved.machine is not None
+    assert solved.result.solution.machine.estimated == ()
+
+
+def test_a_recording_of_before_with_a_machine_sigma_solves(bench: Path) -> None:
+    """0 was "taken as exact" and means "estimated" now; above 0 it is the repeatability."""
+    settings = {"machine_sigma_mm": 0.0}
+    assert result_text(bench, SolveRunOptions(settings=settings)) == result_text(bench)
+    told = solve_run(bench, SolveRunOptions(settings={"machine_sigma_mm": 0.002}))
+    assert told.result.solution.machine.stop_sigma_mm.median == 0.002

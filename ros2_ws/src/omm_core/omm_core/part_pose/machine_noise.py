@@ -21,7 +21,8 @@ Array = NDArray[np.float64]
 _STOPS_MM = np.array([0.1, 0.4, 1.0, 2.0, 3.5, 6.0, 10.0, 16.0, 25.0]) / 1e3
 _GEOMETRY_MM = np.array([0.0, 2.0, 5.0, 9.0, 15.0, 24.0, 40.0, 63.0, 100.0]) / 1e3
 _LENGTHS = np.array([0.15, 0.35, 0.75])  # of the diagonal of the stops
-_STOP_SCALE_MM = 0.010  # of the half-Cauchy density
+_LENGTH_PRIOR = np.array([0.1, 0.45, 0.45])
+_STOP_FLOOR_MM = 0.001  # the density is 1 / (σ + floor)
 _GEOMETRY_FLOOR_MM = 0.001  # below it the density 1/σ is level
 _STEP = 1.6  # between levels, where the grid is made longer
 _IMAGE_SCALES = np.array([1.0, 2.0, 4.0])  # of what the detector says of itself
@@ -113,7 +114,8 @@ def _grid_of(
     # Without geometry errors their length is nothing: one point does for all lengths.
     one = (geometry[g] > 0.0) | (k == 0)
     i, s, g, k = i[one], s[one], g[one], k[one]
-    weight = np.where(geometry[g] > 0.0, 1.0 / lengths, 1.0)
+    length_prior = _LENGTH_PRIOR if lengths == len(_LENGTH_PRIOR) else np.ones(lengths)
+    weight = np.where(geometry[g] > 0.0, length_prior[k], 1.0)
     prior = scale_prior[i] * stop_prior[s] * geometry_prior[g] * weight
     return NoiseGrid(
         image_scale=scales[i],
@@ -153,7 +155,7 @@ def _stops(declared_mm: float | None, worst_mm: float) -> tuple[Array, Array]:
     if declared_mm is not None:
         return np.array([declared_mm]), np.ones(1)
     levels = _levels(_STOPS_MM, worst_mm / WORST_MM)
-    return levels, np.gradient(levels) / (1.0 + (levels / _STOP_SCALE_MM) ** 2)
+    return levels, np.gradient(levels) / (levels + _STOP_FLOOR_MM)
 
 
 def _geometry(declared_mm: float | None, worst_mm: float) -> tuple[Array, Array]:

@@ -108,9 +108,7 @@ def _most_likely(
         if without.determined
         and without.degrees_of_freedom >= 1
         and (
-            without.passed
-            if current.propagation is None
-            else _explains(current, without, options)
+            without.passed if current.propagation is None else _explains(current, without, options)
         )
     ]
     if not explaining:
