@@ -14,7 +14,6 @@ from omm_core.budget.budget import Budget, Coverage, evaluate
 from omm_core.budget.budget_file import BudgetFile, NamedPoint, load_budget_file
 from omm_core.budget.campaign import Campaign, mean_theta, point_studies
 from omm_core.budget.evaluation import Contribution, combine, standard
-from omm_core.budget.machine import geometry_left_mm
 from omm_core.budget.sources import (
     box_points,
     constant,
@@ -31,6 +30,7 @@ from omm_core.files.machine import MachineUncertainty, load_machine
 from omm_core.files.part import Part, load_part
 from omm_core.files.points import load_points
 from omm_core.geometry import RigidTransform
+from omm_runs.budget_machine import as_estimated, machine_contribution
 from omm_runs.campaigning import campaign_of
 from omm_runs.solving import SolvedRun, SolveRunOptions, solve_run
 
@@ -91,7 +91,7 @@ def load_sources(path: Path) -> BudgetSources:
         placed = _nominal(part)
     machine = None
     if file.machine is not None:
-        machine, words = _as_estimated(load_machine(file.machine).uncertainty, run)
+        machine, words = as_estimated(load_machine(file.machine).uncertainty, run)
         findings += words
     return BudgetSources(
         file=file,
@@ -188,7 +188,9 @@ def contributions_at(
         else:
             found.append(length_error(file.u_out.constant_mm, file.u_out.per_metre_mm, places))
     if sources.machine is not None:
-        added, words = _of_machine(sources, xyz)
+        added, words = machine_contribution(
+            sources.machine, sources.run, sources.machine_T_part, xyz, file.tool_mm
+        )
         found.append(added)
         findings += words
     found += [of_contributor(one, places) for one in file.contributors]
@@ -220,78 +222,6 @@ def _in_part(
     counts = np.any(found[-1].millimetres >= largest)
     shape = standard("normal", freedom if counts else np.inf)
     return replace(found[0], millimetres=largest, shape=shape), tuple(told)
-
-
-def _of_machine(sources: BudgetSources, xyz: Array) -> tuple[Contribution, list[str]]:
-    """Return u_machine: one more stop, and the geometry beyond what the pose took in."""
-    machine, findings = sources.machine, []
-    assert machine is not None  # only called then
-    stop = np.full(xyz.shape, machine.stop_sigma_mm or 0.0)
-    geometry = np.full(xyz.shape, machine.geometry_sigma_mm or 0.0)
-    if np.any(geometry > 0.0) and sources.run is not None and machine.geometry_length_mm:
-        stops, seen = _stops(sources.run, sources.machine_T_part)
-        geometry = geometry_left_mm(
-            float(geometry[0, 0]),
-            machine.geometry_length_mm,
-            stops,
-            seen,
-            sources.machine_T_part @ xyz,
-            sources.file.tool_mm,
-        )
-        if not np.any(sources.file.tool_mm):
-            findings.append(
-                "u_machine: tool_mm (spindle to tool's tip, machine axes) is not given and counts"
-                " as 0"
-            )
-    elif np.any(geometry > 0.0):
-        findings.append("u_machine: without a run the geometry counts in full at each point")
-    return (
-        Contribution(
-            name="u_machine",
-            group="u_machine",
-            millimetres=np.hypot(stop, geometry),
-            shape=standard("normal"),
-        ),
-        findings,
-    )
-
-
-def _as_estimated(
-    declared: MachineUncertainty, run: SolvedRun | None
-) -> tuple[MachineUncertainty, list[str]]:
-    """Return what is declared of the machine, and for the rest what the run shows."""
-    missing = [key for key in ("stop_sigma_mm", "geometry_sigma_mm") if not _told(declared, key)]
-    if not missing:
-        return declared, []
-    shown = run.result.solution.machine if run is not None else None
-    if shown is None:
-        return declared, [f"u_machine: {' and '.join(missing)} not declared, counts as 0"]
-    keys = ("stop_sigma_mm", "geometry_sigma_mm", "geometry_length_mm")
-    taken = {key: getattr(shown, key).median for key in keys if not _told(declared, key)}
-    return (
-        replace(declared, **taken),
-        [f"u_machine: {' and '.join(missing)} not declared, taken as the run shows"],
-    )
-
-
-def _told(declared: MachineUncertainty, key: str) -> bool:
-    return getattr(declared, key) is not None
-
-
-def _stops(
-    run: SolvedRun, machine_T_part: RigidTransform
-) -> tuple[Array, list[tuple[Array, list[int]]]]:
-    """Return the stops' places, and for each target seen its place and the stops that saw it."""
-    solution = run.result.solution
-    used = [o for o, use in zip(solution.observations, solution.used) if use]
-    stamps = sorted({o.stamp_ns for o in used})
-    place = {o.stamp_ns: o.machine_T_spindle.translation_mm for o in used}
-    seen = []
-    for target in run.part.targets:
-        stops = [stamps.index(o.stamp_ns) for o in used if o.target_id == target.id]
-        if stops:
-            seen.append((machine_T_part @ target.xyz_mm, stops))
-    return np.array([place[stamp] for stamp in stamps]), seen
 
 
 def _solved(path: Path, machine: Path | None) -> SolvedRun:

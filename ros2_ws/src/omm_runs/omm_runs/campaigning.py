@@ -8,13 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from omm_core.budget.campaign import (
-    Campaign,
-    CampaignFile,
-    Measured,
-    evaluate_campaign,
-    load_campaign_file,
-)
+from omm_core.budget.campaign import Campaign, Measured, evaluate_campaign
+from omm_core.budget.campaign_file import CampaignFile, load_campaign_file
 from omm_core.errors import MeasurementError
 from omm_core.files.part import Part
 from omm_core.part_pose import SolveOptions, solve

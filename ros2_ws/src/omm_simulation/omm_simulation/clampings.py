@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from omm_core.budget.campaign import THETA, Measured
+from omm_core.budget.campaign import Measured
+from omm_core.budget.campaign_file import THETA
 from omm_core.errors import InputError, MeasurementError
 from omm_core.part_pose import Solution, SolveOptions, solve
 from omm_simulation.cell import Cell, draw

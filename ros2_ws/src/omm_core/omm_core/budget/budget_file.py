@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,15 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.budget.distributions import Distribution
-from omm_core.errors import InputError, warn
+from omm_core.budget.spread_reading import SPREAD_KEYS, read_sigma, read_spread
+from omm_core.errors import InputError
 from omm_core.files.yaml_input import YamlSection, read_yaml
 
 Array = NDArray[np.float64]
 
 # What a length's unit is in mm; of any other unit the sensitivity says how many mm it makes.
 LENGTHS_MM = {"m": 1e3, "mm": 1.0, "um": 1e-3, "µm": 1e-3, "μm": 1e-3, "nm": 1e-6}
-_SIGMAS = ("standard_uncertainty", "sigma", "sigma_mm")
-_SPREAD = (*_SIGMAS, "distribution", "half_width", "coverage_factor", "degrees_of_freedom")
 _ROOT = ("part", "points", "u_ip", "u_it", "u_out", "machine", "contributors", "coverage_factor",
          "coverage_probability", "tolerance_mm", "tool_mm")  # fmt: skip
 
@@ -148,39 +146,6 @@ def load_budget_file(path: Path) -> BudgetFile:
     return file
 
 
-def read_spread(section: YamlSection, more: tuple[str, ...] = ()) -> Distribution:
-    """Read a distribution: standard_uncertainty, or half_width, with degrees of freedom."""
-    section.warn_unknown(*_SPREAD, *more)
-    kind = section.text("distribution") if "distribution" in section else "normal"
-    freedom = math.inf
-    if "degrees_of_freedom" in section and section.get("degrees_of_freedom") != math.inf:
-        freedom = section.number("degrees_of_freedom", above=0.0)
-    try:
-        sigma = next((key for key in _SIGMAS if key in section), None)
-        if sigma is not None:
-            value = section.number(sigma, above=-1e-300)
-            return Distribution(kind=kind, standard_uncertainty=value, degrees_of_freedom=freedom)
-        half = section.number("half_width", above=-1e-300)
-        if "coverage_factor" in section or kind in ("normal", "gaussian"):
-            return Distribution(
-                kind=kind,
-                standard_uncertainty=half / _factor(section),
-                degrees_of_freedom=freedom,
-            )
-        return Distribution.from_half_width(kind, half, freedom)
-    except InputError as error:
-        text = str(error)
-        raise InputError(text if section.where in text else f"{section.where}: {text}") from None
-
-
-def _factor(section: YamlSection) -> float:
-    """Return what a half width was multiplied with; a normal distribution has no other limits."""
-    if "coverage_factor" in section:
-        return section.number("coverage_factor", above=0.0)
-    warn(f"{section.where}: half_width of a normal distribution is taken as U with k = 2.")
-    return 2.0
-
-
 def _points(root: YamlSection) -> tuple[NamedPoint, ...] | None:
     given = root.values.get("points", "box")
     if given is None or given == "box":
@@ -210,19 +175,19 @@ def _in_part(section: YamlSection, folder: Path) -> InPart:
     return InPart(
         run=folder / section.text("run") if "run" in section else None,
         campaign=folder / section.text("campaign") if "campaign" in section else None,
-        sigma_mm=_sigma(section) if "sigma_mm" in section else None,
+        sigma_mm=read_sigma(section) if "sigma_mm" in section else None,
     )
 
 
 def _expansion(section: YamlSection) -> Expansion:
     section.warn_unknown("expansion_per_K", "temperature_K", "gradient_K_per_m", "sigma_mm")
     if "sigma_mm" in section:
-        return Expansion(sigma_mm=_sigma(section))
+        return Expansion(sigma_mm=read_sigma(section))
     spread, value = None, section.get("expansion_per_K")
     if isinstance(value, dict):
         own = section.section("expansion_per_K")
         per_K = own.number("value")
-        if any(key in own for key in _SPREAD):
+        if any(key in own for key in SPREAD_KEYS):
             spread = read_spread(own, ("value",))
     else:
         per_K = section.number("expansion_per_K")
@@ -250,7 +215,7 @@ def _out_of_machine(section: YamlSection, folder: Path) -> OutOfMachine:
         per_metre_mm=(
             section.number("per_metre_mm", above=small) if "per_metre_mm" in section else 0.0
         ),
-        sigma_mm=_sigma(section) if "sigma_mm" in section else None,
+        sigma_mm=read_sigma(section) if "sigma_mm" in section else None,
     )
 
 
@@ -305,16 +270,6 @@ def _contributor(entry: YamlSection) -> Contributor:
             else {}
         ),
     )
-
-
-def _sigma(section: YamlSection) -> Array:
-    if isinstance(section.get("sigma_mm"), list):
-        sigma = section.numbers("sigma_mm", 3)
-    else:
-        sigma = np.full(3, section.number("sigma_mm"))
-    if np.any(sigma < 0.0):
-        raise InputError(f"{section.where}: expected sigma_mm >= 0, got {sigma}.")
-    return sigma
 
 
 def _probability(root: YamlSection) -> float | None:
