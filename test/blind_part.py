@@ -120,6 +120,7 @@ def measure_blind(folder: Path, seed: int) -> BlindRun:
         "machine_file": str(folder / "mill.urdf"),
         "find_timeout_s": 30.0,
         "trigger_timeout_s": 30.0,
+        "trigger_attempts": 20,
     }
     specs = tuple(
         dataclasses.replace(spec, parameters={**spec.parameters, **led})

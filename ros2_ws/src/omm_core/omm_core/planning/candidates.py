@@ -195,6 +195,8 @@ def _distances(scene: Scene, row: int) -> Array:
     if focus is not None:
         margin = min(1.001 * scene.play_mm, 0.26 * (focus[1] - focus[0]))
         nearest, farthest = focus[0] + margin, min(focus[1] - margin, farthest)
+    else:
+        farthest = min(farthest, scene.farthest_mm)
     if nearest > farthest:
         return np.array([farthest])
     return np.geomspace(nearest, farthest, _DISTANCES if focus is not None else _DISTANCES + 1)

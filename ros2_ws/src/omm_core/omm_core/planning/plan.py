@@ -14,7 +14,7 @@ from omm_core.files.machine import Machine
 from omm_core.geometry import RigidTransform
 from omm_core.planning.candidates import Candidates, find_candidates, rotary_positions
 from omm_core.planning.choosing import TWICE, Pool, add_best, cover_twice, exchange, settle
-from omm_core.planning.prediction import designs
+from omm_core.planning.prediction import designs, determines
 from omm_core.planning.scene import Scene
 from omm_core.planning.sensitivity import Elsewhere, lies_elsewhere
 from omm_core.planning.timing import Pace
@@ -26,7 +26,8 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 MOST_IMAGES_PER_TARGET = 6
-_PLAYS_MM = (10.0, 3.0, 0.5)
+# Play and farthest distance: what is given up first where targets cannot be seen otherwise.
+_ROOM_MM = ((10.0, 600.0), (10.0, np.inf), (3.0, np.inf), (0.5, np.inf))
 _GIVEN_UP = 0.1  # of U, for stops that lose targets less easily
 _NO_GAIN = 0.02  # by one image more
 _PATIENCE = 2
@@ -124,15 +125,15 @@ def make_plan(scene: Scene, machine: Machine, wish: Wish, *, told: tuple[str, ..
         Where no target can be seen from anywhere.
     """
     planned_play = scene.play_mm
-    for play_mm in _PLAYS_MM:
-        scene = replace(scene, play_mm=min(play_mm, planned_play))
+    for play_mm, farthest_mm in _ROOM_MM:
+        scene = replace(scene, play_mm=min(play_mm, planned_play), farthest_mm=farthest_mm)
         candidates, unseen, pool, chosen = _searched(scene, wish)
         if not unseen:
             break
     if scene.play_mm < planned_play:
         told = (*told, f"Where a target lies more than {scene.play_mm:g} mm from where it is"
                 " thought to be, it may be out of view or out of focus.")  # fmt: skip
-    if not len(chosen):
+    if pool is None:
         why = "; ".join(sorted(set(unseen.values()))) or "there is none"
         raise MeasurementError(
             f"No target of {scene.part.name} can be seen from anywhere on {scene.kinematics.name}:"
@@ -141,7 +142,7 @@ def make_plan(scene: Scene, machine: Machine, wish: Wish, *, told: tuple[str, ..
     return _finished(scene, machine, wish, candidates, pool, chosen, unseen, told)
 
 
-def _searched(scene: Scene, wish: Wish) -> tuple[Candidates, dict[int, str], Pool, Indices]:
+def _searched(scene: Scene, wish: Wish) -> tuple[Candidates, dict[int, str], Pool | None, Indices]:
     """Return candidates, what they do not see, and the choice; turned only where that is needed."""
     rotaries = rotary_positions(scene)
     candidates, unseen = find_candidates(scene, rotaries[:1])
@@ -152,8 +153,10 @@ def _searched(scene: Scene, wish: Wish) -> tuple[Candidates, dict[int, str], Poo
     return candidates, unseen, pool, chosen
 
 
-def _choose(scene: Scene, candidates: Candidates, wish: Wish) -> tuple[Pool, Indices]:
+def _choose(scene: Scene, candidates: Candidates, wish: Wish) -> tuple[Pool | None, Indices]:
     """Return the stops: all seen twice, exchanged, and more as long as that is needed and helps."""
+    if not len(candidates):
+        return None, np.zeros(0, dtype=np.int64)
     pool = Pool(
         designs=designs(scene, candidates.spindles, candidates.views),
         visible=candidates.views.visible,
@@ -161,10 +164,7 @@ def _choose(scene: Scene, candidates: Candidates, wish: Wish) -> tuple[Pool, Ind
         noise=scene.noise,
         yardstick=Yardstick.of(scene, wish),
     )
-    chosen = cover_twice(pool) if len(candidates) else np.zeros(0, dtype=np.int64)
-    if not len(chosen):
-        return pool, chosen
-    chosen = exchange(pool, chosen)
+    chosen = exchange(pool, cover_twice(pool))
     best, wait = chosen, 0
     most = MOST_IMAGES_PER_TARGET * len(scene.part.targets)
     while not _reached(pool, best, wish) and len(chosen) < most and wait < _PATIENCE:
@@ -187,6 +187,8 @@ def _settled(pool: Pool, chosen: Indices, wish: Wish) -> Indices:
 
 def _shortfall(pool: Pool, chosen: Indices, wish: Wish) -> float:
     """Return how many times too large U or the smallest bump is; at most 1 is reached."""
+    if not determines(pool.designs, chosen):
+        return np.inf
     missed = pool.score(chosen) if wish.of_pose else 0.0
     if wish.bump_mm is not None:
         bumps = smallest_bumps_mm(pool.designs, pool.noise, chosen)
@@ -194,8 +196,8 @@ def _shortfall(pool: Pool, chosen: Indices, wish: Wish) -> float:
     return missed
 
 
-def _reached(pool: Pool, chosen: Indices, wish: Wish) -> bool:
-    return bool(len(chosen)) and _shortfall(pool, chosen, wish) <= 1.0
+def _reached(pool: Pool | None, chosen: Indices, wish: Wish) -> bool:
+    return pool is not None and _shortfall(pool, chosen, wish) <= 1.0
 
 
 def _finished(scene, machine, wish, candidates, pool, chosen, unseen, told) -> Plan:  # type: ignore[no-untyped-def]

@@ -122,6 +122,14 @@ def own_covariances(designs: Designs, noise: Noise, sets: Indices) -> Array:
     return np.asarray(np.linalg.inv(normal) * np.outer(_SCALE, _SCALE))
 
 
+def determines(designs: Designs, stops: Indices) -> bool:
+    """Return whether stops see three targets or more that do not lie on a line."""
+    seen = np.unique(designs.target[stops])
+    B = (designs.by_target[seen[seen >= 0]] * _SCALE[:6]).reshape(-1, 6)
+    values = np.linalg.svd(B, compute_uv=False) if len(B) >= 6 else np.zeros(6)
+    return bool(values[-1] > 1e-4 * values[0])
+
+
 def stacked(designs: Designs, noise: Noise, sets: Indices) -> tuple[Array, Array]:
     """Return A (B, n, 7) and V (B, n, n) of sets of stops (B, S), as the module's text has them."""
     batch, stops = sets.shape

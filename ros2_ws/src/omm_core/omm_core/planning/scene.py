@@ -60,6 +60,9 @@ class Scene:
         How far the holder is turned in the spindle; 0 where nothing is known.
     play_mm : float
         How far a target may lie from where it is thought to be and still be seen whole.
+    farthest_mm : float
+        Largest distance from which a target is looked at, where camera.yaml tells no focus: light
+        fades with it.
     """
 
     part: Part
@@ -69,6 +72,7 @@ class Scene:
     noise: Noise
     gamma_s_rad: float = 0.0
     play_mm: float = 10.0
+    farthest_mm: float = 600.0
 
     @property
     def spindle_T_camera(self) -> RigidTransform:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.planning.choosing import Pool
+from omm_core.planning.prediction import determines
 from omm_core.planning.scene import Noise
 from omm_core.planning.wish import Yardstick
 
@@ -50,6 +51,11 @@ def findings_of(
 
 
 def _what_is_missing(plan: Plan, pool: Pool, chosen: Indices) -> list[str]:
+    if not determines(pool.designs, chosen):
+        return [
+            "The pose is not determined: three targets that do not lie on a line are needed, seen"
+            f" can be {len(plan.bumps_mm)} of {len(plan.scene.part.targets)}. Put more on the part."
+        ]
     words = []
     score = pool.score(chosen)
     if plan.wish.of_pose and score > 1.0:
@@ -114,7 +120,9 @@ def _not_told(plan: Plan) -> list[str]:
     words = []
     imaging, body = plan.scene.calibration.imaging, plan.scene.calibration.body
     if imaging.focus_mm is None:
-        words.append("camera.yaml tells no focus: distances are not limited by it.")
+        words.append(
+            "camera.yaml tells no focus: distances are not limited by it (120 to 600 mm are tried)."
+        )
     if imaging.max_tilt_rad is None:
         words.append("camera.yaml tells no max_tilt_rad: the tilt of targets is not limited by it.")
     if body is None:
