@@ -33,15 +33,18 @@ def test_7d_takes_the_backlash_out_of_x_and_y_and_beats_the_paper_with_image_noi
 
 
 def test_on_a_machine_as_they_are_the_papers_table_3_comes_out_in_size(capsys, tmp_path):
-    """Within a factor of 2, over many clampings; for β within 4. γ's 0.010 (7D) and 0.070 (6D) are
-    not explained by anything that acts here: 0.003 each.
-    """
+    """Within a factor of 2 over many clampings; but for 6D's β (0.020 of 0.056) and 7D's γ."""
     text, _ = table(capsys, tmp_path, "--seed", "1", "--clampings", "60")
-    for name in ("6D", "7D"):
-        ours, paper = (np.array(row(text, f"{who} {name}")) for who in ("omm", "paper"))
-        factor = np.exp(np.abs(np.log(ours / paper)))
-        assert np.all(factor[:4] < 2.0), name
-        assert factor[4] < 4.0, name
+    factors = {
+        name: np.exp(
+            np.abs(np.log(np.array(row(text, f"omm {name}"))[:6] / row(text, f"paper {name}")[:6]))
+        )
+        for name in ("6D", "7D")
+    }
+    assert np.all(factors["6D"][[0, 1, 2, 3, 5]] < 2.0)
+    assert np.all(factors["7D"][:5] < 2.0)
+    assert factors["6D"][4] < 4.0
+    assert factors["7D"][5] < 4.0
     assert row(text, "omm 7D")[6] == pytest.approx(3.84, rel=0.2)
     assert row(text, "6D / 7D")[0] > 3.0
     assert row(text, "6D / 7D")[1] > 1.5

@@ -248,6 +248,7 @@ def _stops(scenario: Scenario, seed: int) -> tuple[Stop, ...]:
     machine_R_spindle = RigidTransform.from_euler_xyz_rad(
         *scenario.machine.spindle_euler_xyz_rad
     ).rotation
+    inwards = _towards_the_middle(scenario.part, machine_T_part, machine_R_spindle[:, 2])
     stops = []
     for stop in paired_stops(
         scenario.part,
@@ -259,10 +260,21 @@ def _stops(scenario: Scenario, seed: int) -> tuple[Stop, ...]:
         offset_mm=program.offset_mm,
     ):
         spread = rng.uniform(-1.0, 1.0, 3) * program.spread_mm
-        place = np.round(stop.spindle_in_machine_mm + spread, 3)
+        inward = program.inward_mm * inwards[stop.target_id]
+        place = np.round(stop.spindle_in_machine_mm + inward + spread, 3)
         stops.append(Stop(target_id=stop.target_id, spindle_in_machine_mm=place))
     _check_reachable(scenario, stops)
     return tuple(stops)
+
+
+def _towards_the_middle(
+    part: Part, machine_T_part: RigidTransform, axis: NDArray[np.float64]
+) -> dict[int, NDArray[np.float64]]:
+    """For each target the direction to the middle of all, (3,), across the spindle's axis."""
+    places = machine_T_part @ np.array([target.xyz_mm for target in part.targets])
+    across = (places.mean(axis=0) - places) @ (np.eye(3) - np.outer(axis, axis))
+    lengths = np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
+    return dict(zip((target.id for target in part.targets), across / lengths))
 
 
 def _check_reachable(scenario: Scenario, stops: list[Stop]) -> None:

@@ -85,6 +85,8 @@ class MeasuringProgram:
         Between the two images of a target, along the spindle's x.
     offset_mm : tuple
         Where the targets lie off the spindle axis on average, in the spindle's x and y.
+    inward_mm : float
+        How far the camera stands from each target towards the middle of all of them.
     spread_mm : float
         How far (±, uniform, per axis) a programmed position is off that.
     retract_mm : float
@@ -101,6 +103,7 @@ class MeasuringProgram:
     distance_mm: float
     stereo_base_mm: float
     offset_mm: tuple[float, float]
+    inward_mm: float = 0.0
     spread_mm: float = 0.0
     retract_mm: float = 0.0
     dwell_s: float = 0.3
