@@ -81,6 +81,8 @@ class CncBridgeNode(Node):
             if p.trigger_service
             else None
         )
+        if self._guiding is not None and not isinstance(self._control, TakesCorrections):
+            self.get_logger().warning(f"plan_file: {p.control} takes no corrections of its stops")
         if self._guiding is not None:
             self.create_subscription(
                 TargetObservations, "/omm/observations", self._on_observations, qos.OBSERVATIONS

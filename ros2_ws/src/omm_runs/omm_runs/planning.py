@@ -148,7 +148,8 @@ def _noise(
     if told:
         told.append(
             "Of a machine that is not declared a measurement has to estimate how exact it is: its U"
-            " is then 1.1 to 1.8 times as large as planned, mostly (docs/statistics.md)."
+            " is then 1.1 to 1.8 times as large as planned, mostly, and a bump is noticed as surely"
+            " from 1.5 times the size on (docs/planning.md)."
         )
     image = {} if place.image_sigma_px is None else {"image_sigma_px": place.image_sigma_px}
     return Noise(**values, **image), tuple(told)

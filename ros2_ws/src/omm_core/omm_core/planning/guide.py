@@ -79,6 +79,9 @@ class Guide:
     def __post_init__(self) -> None:
         if not self.stops:
             raise InputError("Expected a plan with stops to lead a program, got none.")
+        names = {axis.name for axis in self.scene.kinematics.axes}
+        if not set("XYZ") <= names:
+            raise InputError(f"Expected axes X, Y, Z to lead a program, got {', '.join(names)}.")
 
     def reset(self) -> None:
         """Forget everything: another program begins."""

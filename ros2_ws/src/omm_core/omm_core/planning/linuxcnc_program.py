@@ -88,8 +88,8 @@ def _out(program: Program) -> list[str]:
 
 
 def _away(program: Program) -> list[str]:
-    ((name, clear),) = program.clear.items()
-    return [f"G53 G1 {name}{clear:.4f}"]
+    ((name, away),) = program.away.items()
+    return [f"G53 G1 {name}{away:.4f}"]
 
 
 def _beside(program: Program, stop: ProgramStop) -> dict[str, float]:

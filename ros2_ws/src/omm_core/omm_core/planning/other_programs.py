@@ -122,7 +122,7 @@ def program_text(program: Program, control: str = "linuxcnc") -> str:
         for axes in (*stop.leave, *stop.arrive, stop.axes):
             lines.append(_moved(program, dialect, axes))
         lines += [line.format(n=number, **values) for line in dialect.stop]
-    lines.append(_moved(program, dialect, program.clear))
+    lines.append(_moved(program, dialect, program.away))
     return "\n".join([*lines, *dialect.end]) + "\n"
 
 

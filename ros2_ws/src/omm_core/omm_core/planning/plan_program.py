@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from omm_core.errors import InputError
 from omm_core.planning.plan import Plan
 from omm_core.planning.program import Program, ProgramOptions, ProgramStop, make_program
-from omm_core.planning.tour import retracted
+from omm_core.planning.tour import beyond_the_part, retracted
 
 RETRACT_MM = 100.0
 TRIES = 40
@@ -49,7 +49,13 @@ def plan_program(plan: Plan, *, limit_mm: float, search: bool = False) -> Progra
         limit_mm=limit_mm,
         tries=TRIES,
     )
-    return make_program(plan.scene.kinematics, stops, options, title=plan.scene.part.name)
+    return make_program(
+        plan.scene.kinematics,
+        stops,
+        options,
+        title=plan.scene.part.name,
+        free=lambda axes, name: beyond_the_part(plan.scene, axes, name),
+    )
 
 
 def look_from_afar(plan: Plan, distance_mm: float) -> Mapping[str, float]:

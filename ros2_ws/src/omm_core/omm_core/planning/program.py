@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -82,16 +82,17 @@ class Program:
 
     Attributes
     ----------
-    clear : mapping
-        The axis that goes out first, and how far: ``{"Z": 500}``.
+    clear, away : mapping
+        The axis that goes out first, and how far: ``{"Z": 500}``; the same at the end.
     outward : float
-        +1 where larger values of that axis are farther out, else -1.
+        +1 where larger values of the first of them are farther out, else -1.
     rotary : frozenset of str
     """
 
     title: str
     stops: tuple[ProgramStop, ...]
     clear: Mapping[str, float]
+    away: Mapping[str, float]
     outward: float
     rotary: frozenset[str]
     options: ProgramOptions = field(default_factory=ProgramOptions)
@@ -103,8 +104,14 @@ def make_program(
     options: ProgramOptions | None = None,
     *,
     title: str = "measure",
+    free: Callable[[Mapping[str, float], str], float] | None = None,
 ) -> Program:
     """Return the program of stops.
+
+    Parameters
+    ----------
+    free : callable, optional
+        Position of an axis from which on, at a stop, the camera is beyond the part.
 
     Raises
     ------
@@ -122,20 +129,36 @@ def make_program(
                         f"Expected places within {_FARTHEST_MM:g} mm for a measuring program, got"
                         f" {name} = {value} for {stop.label}."
                     )
-    name, outward = _tool_axis(kinematics, stops[0].axes)
-    places = [outward * stop.axes[name] for stop in stops]
-    away = options.retract_mm + options.limit_mm
+    name, outward = tool_axis(kinematics, stops[0].axes)
     return Program(
         title=comment(title),
         stops=tuple(stops),
-        clear={name: outward * (max(places) + away)},
+        clear=_clear(kinematics, stops, stops[0], options, free),
+        away=_clear(kinematics, stops, stops[-1], options, free),
         outward=outward,
         rotary=kinematics.rotary,
         options=options,
     )
 
 
-def _tool_axis(kinematics: Kinematics, axes: Mapping[str, float]) -> tuple[str, float]:
+def _clear(
+    kinematics: Kinematics,
+    stops: Sequence[ProgramStop],
+    stop: ProgramStop,
+    options: ProgramOptions,
+    free: Callable[[Mapping[str, float], str], float] | None,
+) -> dict[str, float]:
+    """Return how far the axis along the tool goes out: beyond all stops, within its limits."""
+    name, outward = tool_axis(kinematics, stop.axes)
+    places = [outward * other.axes[name] for other in stops]
+    farthest = max(places) + options.retract_mm + options.limit_mm
+    if free is not None:
+        farthest = max(farthest, outward * free(stop.axes, name) + options.limit_mm)
+    axis = next(axis for axis in kinematics.axes if axis.name == name)
+    return {name: float(np.clip(outward * farthest, axis.lower, axis.upper))}
+
+
+def tool_axis(kinematics: Kinematics, axes: Mapping[str, float]) -> tuple[str, float]:
     """Return the linear axis that moves the spindle most along its own axis, and the way out."""
     start = kinematics.machine_T_spindle(axes)
     best, along = "", 0.0

@@ -92,6 +92,22 @@ def retracted(
     return None if scene.kinematics.out_of_limits(moved) else moved
 
 
+def beyond_the_part(scene: Scene, axes: Mapping[str, float], name: str) -> float:
+    """Return where a linear axis has the camera beyond the part's box, seen along the spindle.
+
+    From there the other axes may go anywhere across without meeting the part.
+    """
+    spindle = scene.kinematics.machine_T_spindle(axes)
+    moved = scene.kinematics.machine_T_spindle({**axes, name: axes[name] + 1.0})
+    outward = spindle.rotation[:, 2]
+    share = float((moved.translation_mm - spindle.translation_mm) @ outward)
+    body = scene.calibration.body
+    lowest = body.z_mm[0] if body is not None else scene.spindle_T_camera.translation_mm[2]
+    box = scene.machine_T_part @ scene.part.box_corners()
+    needed = float((box @ outward).max()) - float(lowest) + CLEARANCE_MM
+    return float(axes[name] + (needed - spindle.translation_mm @ outward) / share)
+
+
 def _around(
     scene: Scene, start: Mapping[str, float], end: Mapping[str, float], retract: float
 ) -> tuple[Mapping[str, float], ...] | None:

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from omm_core.planning.choosing import Pool
 from omm_core.planning.prediction import determines
+from omm_core.planning.program import tool_axis
 from omm_core.planning.scene import Noise
+from omm_core.planning.tour import beyond_the_part
 from omm_core.planning.wish import Yardstick
 
 if TYPE_CHECKING:
@@ -44,6 +46,7 @@ def findings_of(
             "Between two stops no way was found on which the camera keeps clear of the part's box:"
             " move the part, or allow the axes more travel."
         )
+    words += _ends_of_the_way(plan)
     words += _more_images(pool, chosen)
     words += _not_told(plan)
     words += _elsewhere(plan)
@@ -98,6 +101,21 @@ def _without(pool: Pool, chosen: Indices, source: str) -> float:
         designs = replace(pool.designs, common=pool.designs.common[..., :0])
         return replace(pool, designs=designs).score(chosen)
     return replace(pool, noise=pool.noise.without(source)).score(chosen)
+
+
+def _ends_of_the_way(plan: Plan) -> list[str]:
+    """Tell where an axis ends before the camera is beyond the part, at the program's ends."""
+    kinematics = plan.scene.kinematics
+    for stop in (plan.stops[0], plan.stops[-1]):
+        name, outward = tool_axis(kinematics, stop.axes)
+        axis = next(axis for axis in kinematics.axes if axis.name == name)
+        end = outward * (axis.upper if outward > 0.0 else axis.lower)
+        if end < outward * beyond_the_part(plan.scene, stop.axes, name):
+            return [
+                f"{name} ends before the camera is beyond the part's box: have the spindle beside"
+                " the part before the program starts, and watch its first and last move."
+            ]
+    return []
 
 
 def _more_images(pool: Pool, chosen: Indices) -> list[str]:
