@@ -184,3 +184,64 @@ def test_the_search_can_be_switched_off(cell, good):
     solution = solve(good, cell.part, cell.calibration, options)
     assert solution.used.all()
     assert solution.findings == ()
+
+
+# --- on a machine of unknown noise --------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("stop_um", "geometry_um"), [(3, 0), (8, 0), (8, 15)])
+def test_a_target_bumped_by_half_a_millimetre_is_named_on_a_machine_that_errs(stop_um, geometry_um):
+    from test_machine_noise import erring
+
+    cell = bench_cell(np.random.default_rng(21))
+    random = np.random.default_rng(stop_um + 100 * geometry_um)
+    named = 0
+    for target in cell.part.targets:
+        seen, _ = erring(cell, random, stop_um / 1e3, geometry_um / 1e3)
+        bump = random.normal(size=3)
+        bump *= 0.5 / np.linalg.norm(bump)
+        targets = tuple(
+            replace(t, xyz_mm=t.xyz_mm - bump) if t.id == target.id else t
+            for t in cell.part.targets
+        )
+        solution = solve(seen, replace(cell.part, targets=targets), cell.calibration)
+        told = (*solution.findings, *solution.missing)
+        named += any(f"target {target.id} is " in words for words in told)
+    assert named == len(cell.part.targets)
+
+
+def test_clean_runs_on_machines_that_err_lose_nothing():
+    from test_machine_noise import erring
+
+    cell = bench_cell(np.random.default_rng(21))
+    random = np.random.default_rng(77)
+    for number in range(40):
+        stop_um, geometry_um = (1, 3, 8)[number % 3], (0, 15, 40)[number // 3 % 3]
+        seen, _ = erring(cell, random, stop_um / 1e3, geometry_um / 1e3)
+        solution = solve(seen, cell.part, cell.calibration)
+        assert solution.determined
+        assert solution.used.all(), solution.findings
+
+
+def test_what_cannot_be_left_out_is_named_and_nothing_published(cell, good):
+    """Of three targets with two images each, one bumped: without it two are left."""
+    three = [o for o in good if o.target_id != 122]
+    bump = np.array([0.8, -0.6, 0.9])
+    targets = tuple(
+        replace(t, xyz_mm=t.xyz_mm - bump) if t.id == 8 else t for t in cell.part.targets
+    )
+    solution = solve(three, replace(cell.part, targets=targets), cell.calibration)
+    assert not solution.determined
+    assert np.isnan(solution.theta).all()
+    assert "target" in solution.missing[0]
+
+
+def test_errors_beyond_any_machine_are_refused_and_the_limit_is_said(cell):
+    from test_machine_noise import erring
+
+    seen, _ = erring(cell, np.random.default_rng(4), stop_mm=0.15)
+    solution = solve(seen, cell.part, cell.calibration)
+    assert not solution.determined
+    assert any("worst_machine_mm" in w or "cannot" in w or "too few" in w for w in solution.missing)
+    wide = SolveOptions(worst_machine_mm=1.0)
+    assert solve(seen, cell.part, cell.calibration, wide).determined

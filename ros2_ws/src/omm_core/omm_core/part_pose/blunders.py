@@ -3,7 +3,7 @@
 That a target was displaced, or that all of an image is off, is a hypothesis that adds noise to
 some rows: N(0, (1 mm)²) for each axis of the target, N(0, (20 px)²) for each coordinate of the
 image. How much more likely the data are with it than without, over all machines that there may be,
-is its Bayes factor B. With ln B > 0 something is wrong, and the largest B says what; what comes
+is its Bayes factor B. With ln B > 1 something is wrong, and the largest B says what; what comes
 within a factor of 20 of it cannot be told from it, and both are named. What is wrong is left out,
 everything solved again, and the rest searched again.
 
@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 
 _DISPLACED_MM = 1.0
 _OFF_PX = 20.0
-_SUSPICIOUS = 0.1  # ln B; 0 is what cannot be checked at all
+_SUSPICIOUS = 1.0  # ln B above which something is wrong; 0 is what cannot be checked at all
 _TELLS_APART = 3.0  # of ln B
 _MOST_LEFT_OUT = 1 / 3
 _TRIED = 40  # hypotheses on the whole grid, the most suspicious ones
