@@ -20,6 +20,11 @@ AS_WELL_TIMES = 1.25
 AS_WELL_MM = 0.1
 LEFT_OUT_SHARE = 0.03
 SAME_SHARE = 0.03
+ALIKE_MM = 0.5
+WILD_MM = 30.0
+WILD_SHARE = 0.04
+SIZE_RATIO = (0.15, 6.0)
+ROUGHLY = 0.5
 FEW_SHARE = 0.5
 
 
@@ -42,20 +47,10 @@ def choose(problem: Problem, file_points: SurveyPoints, findings: list[str]) -> 
     start = told_start(problem.file, file_points, findings)
     if start is not None:
         settled = settle(problem, start)
-        _check_share(problem, settled, file_points)
+        _check_believable(problem, settled, file_points)
         return Choice(settled=(settled,), taken=0)
     _check_size(problem)
-    found: list[Settled] = []
-    for pose in search_placements(problem.faces, problem.points):
-        try:
-            settled = settle(problem, pose)
-        except InputError:
-            continue  # nothing lies on the part from there: no placement
-        same = [n for n, other in enumerate(found) if _apart(problem, settled, other) < SAME_SHARE]
-        if not same:
-            found.append(settled)
-        elif _rank(problem, settled) < _rank(problem, found[same[0]]):
-            found[same[0]] = settled
+    found = _searched(problem)
     if not found:
         raise InputError(
             "No placement was found in which the points lie on the part. Give a start: 3 or more"
@@ -69,8 +64,24 @@ def choose(problem: Problem, file_points: SurveyPoints, findings: list[str]) -> 
         number = 1
         findings.append("the placement was looked for and found: one fits, and no other as well")
     taken = None if number is None else number - 1
-    _check_share(problem, equal[taken or 0], file_points)
+    _check_believable(problem, equal[taken or 0], file_points)
     return Choice(settled=tuple(equal), taken=taken)
+
+
+def _searched(problem: Problem) -> list[Settled]:
+    """Return the placements that are found without being told, the best first."""
+    found: list[Settled] = []
+    for pose in search_placements(problem.faces, problem.points):
+        try:
+            settled = settle(problem, pose)
+        except InputError:
+            continue  # nothing lies on the part from there: no placement
+        same = [n for n, other in enumerate(found) if _alike(problem, settled, other)]
+        if not same:
+            found.append(settled)
+        elif _rank(problem, settled) < _rank(problem, found[same[0]]):
+            found[same[0]] = settled
+    return sorted(found, key=lambda settled: _rank(problem, settled))
 
 
 def _as_good(found: list[Settled], survey: SurveyPoints, problem: Problem) -> list[Settled]:
@@ -92,6 +103,16 @@ def _pairs_off(settled: Settled, measured: Array, wanted: Array) -> float:
     return float(np.linalg.norm(measured @ rotation.T + translation - wanted, axis=1).max())
 
 
+def _alike(problem: Problem, a: Settled, b: Settled) -> bool:
+    """Return whether two placements are one: near, or turned about the axis of a turned part."""
+    if _apart(problem, a, b) < SAME_SHARE:
+        return True
+    if not len(a.placement.free) or not np.array_equal(a.face, b.face):
+        return False
+    apart = np.abs(a.placement.overstock_mm - b.placement.overstock_mm)
+    return bool(a.points.names == b.points.names and apart.max() < ALIKE_MM)
+
+
 def _apart(problem: Problem, a: Settled, b: Settled) -> float:
     """Return how far apart two placements are, as a share of the part's size."""
     placed = [problem.points.placed(s.placement.pose)[0] for s in (a, b)]
@@ -106,13 +127,13 @@ def _rank(problem: Problem, settled: Settled) -> tuple[float, float]:
 def _check_size(problem: Problem) -> None:
     corners = np.concatenate([face.triangles.reshape(-1, 3) for face in problem.faces])
     ratio = _diagonal(problem.points.xyz) / _diagonal(corners)
-    told = unit_words(ratio)
-    if told and not 0.3 < ratio < 3.0:
-        raise InputError(f"The points are {told}. Give both in mm (cad_unit for STL and PLY).")
-    if not 0.1 < ratio < 10.0:
-        raise InputError(
-            f"The points span {ratio:.3g} times what the CAD does. Check the unit of both."
-        )
+    if SIZE_RATIO[0] < ratio < SIZE_RATIO[1]:
+        return
+    told = unit_words(ratio, ROUGHLY)
+    raise InputError(
+        f"The points are {told or f'{ratio:.3g} times as large as the CAD'}. Give both in mm"
+        " (cad_unit for STL and PLY)."
+    )
 
 
 def _diagonal(places: Array) -> float:
@@ -120,15 +141,28 @@ def _diagonal(places: Array) -> float:
     return float(np.sqrt((arms**2).sum(axis=1).mean()))
 
 
-def _check_share(problem: Problem, settled: Settled, survey: SurveyPoints) -> None:
-    """Refuse where most points lie on no face, and say why if that can be told."""
+def _check_believable(problem: Problem, settled: Settled, survey: SurveyPoints) -> None:
+    """Refuse where the points do not lie on the part, and say why if that can be told."""
     total = len(problem.points.names) - len(problem.file.leave_out)
-    if len(settled.points.names) >= FEW_SHARE * total:
+    on = len(settled.points.names)
+    size = _diagonal(problem.points.xyz)
+    if on >= FEW_SHARE * total and settled.misfit_mm < max(WILD_MM, WILD_SHARE * size):
         return
-    why = "Check pairs, unit and CAD."
+    why = []
+    if problem.file.pairs or problem.file.nominal_targets:
+        for other in _searched(problem)[:1]:
+            if 3.0 * other.misfit_mm < settled.misfit_mm:
+                why.append(
+                    "Without the pairs there is a placement that fits: the pairs (or nominal"
+                    " targets) name wrong points or places."
+                )
     if _mirrored_fits(problem, survey):
-        why = "The mirror image of the points fits: one axis of the points has the wrong sign."
-    raise InputError(f"Only {len(settled.points.names)} of {total} points lie on the part. {why}")
+        why.append("The mirror image of the points fits: an axis may have the wrong sign.")
+    raise InputError(
+        f"Where the fit begins, {on} of {total} points lie on the part, and their overstock"
+        f" varies by {settled.misfit_mm:.0f} mm rms."
+        f" {' '.join(why) or 'Check pairs, unit and CAD.'}"
+    )
 
 
 def _mirrored_fits(problem: Problem, survey: SurveyPoints) -> bool:

@@ -18,12 +18,7 @@ from omm_core.overstock.face_groups import group_faces
 from omm_core.overstock.fit_file import FitFile
 from omm_core.overstock.problem import FEWEST, Problem, Settled, least_squares, settle
 from omm_core.overstock.remedies import find_remedies
-from omm_core.overstock.uncertainty import (
-    Uncertainty,
-    draw,
-    targets_covariance,
-    turned_covariance,
-)
+from omm_core.overstock.uncertainty import Uncertainty, draw, targets_covariance
 from omm_core.overstock.verdicts import describe, document, pose_json
 
 Array = NDArray[np.float64]
@@ -171,10 +166,7 @@ def _targets(
     places = np.array([point.xyz_mm for point in coded]) @ rotation.T + translation
     covariance = None
     if uncertainty is not None:
-        own = turned_covariance(survey, coded, rotation)
-        covariance = targets_covariance(
-            uncertainty, settled.placement, places, own, correlated=survey.full is not None
-        )
+        covariance = targets_covariance(uncertainty, settled, survey, coded)
     sigma = None
     if covariance is not None:
         sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0)).reshape(-1, 3)

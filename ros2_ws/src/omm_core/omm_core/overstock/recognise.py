@@ -45,18 +45,17 @@ def recognised(triangles: Array) -> Face | None:
     plane = _plane(given)
     if plane is not None or len(points) < FEWEST_CORNERS:
         return plane
-    for attempt in (_cylinder, _sphere, _cone):
-        face = attempt(given)
-        # Corners of two rings lie on many surfaces; the triangles tell which is meant.
-        if face is not None and _leans_as(face, given):
-            return face
-    return None
+    found = [face for face in (_cylinder(given), _sphere(given), _cone(given)) if face is not None]
+    # Corners of two rings lie on many surfaces; the triangles tell which is meant.
+    best = max(found, key=lambda face: _lean(face, given), default=None)
+    return best if best is not None and _lean(best, given) > LEAN else None
 
 
-def _leans_as(face: Face, given: _Corners) -> bool:
+def _lean(face: Face, given: _Corners) -> float:
+    """Return the cosine between triangles and surface where they agree least."""
     _, ideal = face.distance(given.triangles.mean(axis=1))
     large = given.areas > FLAT * given.areas.sum()
-    return bool(((ideal * given.normals).sum(axis=1)[large] > LEAN).all())
+    return float((ideal * given.normals).sum(axis=1)[large].min())
 
 
 def _plane(given: _Corners) -> Face | None:

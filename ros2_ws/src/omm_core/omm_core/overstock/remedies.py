@@ -33,8 +33,8 @@ class Remedies:
     least: dict[int, float]
 
     @property
-    def missing_mm(self) -> float:
-        """Return how much material is missing in all."""
+    def sum_mm(self) -> float:
+        """Return the least sum of all allowances lowered."""
         return sum(self.least.values())
 
 

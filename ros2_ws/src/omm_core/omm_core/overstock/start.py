@@ -133,10 +133,10 @@ def _check_unit(measured: Array, wanted: Array) -> None:
         raise InputError(f"pairs: distances between the points are {told}. Give both in mm.")
 
 
-def unit_words(ratio: float) -> str:
+def unit_words(ratio: float, doubt: float = FACTOR) -> str:
     """Return what a ratio of lengths (points by CAD) says of a wrong unit; empty where nothing."""
     for factor, words in KNOWN_FACTORS.items():
-        if abs(ratio / factor - 1.0) < FACTOR:
+        if abs(ratio / factor - 1.0) < doubt:
             return f"{words} (points by CAD: {ratio:.4g})"
     return ""
 

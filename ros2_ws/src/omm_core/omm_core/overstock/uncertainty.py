@@ -25,6 +25,7 @@ MANY = 1000
 SEED = 1
 COVERAGE = 0.9545
 RADIUS_MM = 1.0
+RADIUS_SIGMAS = 20.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,15 +40,15 @@ class Uncertainty:
         Margins as each draw tells them, and as the measured surface has them there.
     motions : (K, 6) array
         Each draw's placement against the best: shift of the centre, rotation vector (mm, rad).
-    targets_mm : (K, T, 3) array
-        Noise of the coded targets, part frame.
+    noise_mm : (K, N + T, 3) array
+        Noise of the points and of the coded targets, part frame.
     """
 
     sigma_mm: Array
     told: Array
     true: Array
     motions: Array
-    targets_mm: Array
+    noise_mm: Array
 
     def expanded(self, on: NDArray[np.bool_]) -> float:
         """Return U of the smallest margin of some points: 95.45 % of the errors are smaller."""
@@ -75,66 +76,85 @@ def draw(
     def tangents(at: Array) -> tuple[Array, Array]:
         return distance + ((at - placed) * normals).sum(axis=1), normals
 
-    along = (turned[:, :count] * normals).sum(axis=2)
+    # A rigid motion of all points moves the placement as much the other way: what is left is
+    # small, whatever the survey's frame did.
+    lever = _lever(placed - placement.centre_mm)
+    flat = turned[:, :count].reshape(len(turned), -1)
+    common = flat @ np.linalg.pinv(lever).T
+    rest = (flat - common @ lever.T).reshape(len(turned), count, 3)
+    radius = max(RADIUS_MM, RADIUS_SIGMAS * float(rest.std()))
+    along = (rest * normals).sum(axis=2)
     told, true, motions = [], [], []
     for k in range(len(noise)):
         drawn = place_evenly(
-            placed + turned[k, :count],
+            placed + rest[k],
             tangents,
             wish,
             thickness_mm=problem.file.target_thickness_mm,
             rounds=1,
-            radius_mm=RADIUS_MM,
+            radius_mm=radius,
         )
         told.append(drawn.margins_mm)
         true.append(drawn.margins_mm - along[k])
-        motions.append(_motion(drawn, placement))
+        motions.append(_motion(drawn, placement) - common[k])
     return Uncertainty(
         sigma_mm=np.sqrt(_variance(survey, rows[:count], normals @ placement.rotation)),
         told=np.array(told),
         true=np.array(true),
         motions=np.array(motions),
-        targets_mm=turned[:, count:],
+        noise_mm=turned,
     )
 
 
 def targets_covariance(
-    uncertainty: Uncertainty, placement: Placement, places: Array, own: Array, *, correlated: bool
+    uncertainty: Uncertainty,
+    settled: Settled,
+    survey: SurveyPoints,
+    coded: list[SurveyPoint],
 ) -> Array:
     """Return the covariance (3T, 3T) of coded targets in the part frame, the fit's included.
 
-    Parameters
-    ----------
-    places : (T, 3) array
-        The targets in the part frame, mm.
-    own : (3T, 3T) array
-        The survey's covariance of them, turned into the part frame.
-    correlated : bool
-        Whether they have errors in common with the points that were fitted.
+    Where the survey tells what its points have in common, the rigid motion of all points
+    together is taken out first: the fit follows it, and no place in the part sees it.
     """
-    arms = places - placement.centre_mm
-    lever = np.zeros((3 * len(places), 6))
-    for i, arm in enumerate(arms):
-        lever[3 * i : 3 * i + 3, :3] = np.eye(3)
-        lever[3 * i : 3 * i + 3, 3:] = -_cross(arm)
-    motions = uncertainty.motions - uncertainty.motions.mean(axis=0)
-    gain = np.zeros((6, len(own)))
-    if correlated:
+    by_name = {point.name: n for n, point in enumerate(survey.points)}
+    rows = [by_name[name] for name in (*settled.points.names, *(p.name for p in coded))]
+    placement, count = settled.placement, len(settled.points.names)
+    places = np.array([survey.points[n].xyz_mm for n in rows]) @ placement.rotation.T
+    lever = _lever(places + placement.translation_mm - placement.centre_mm)
+    fitted, targets = lever[: 3 * count], lever[3 * count :]
+    motions = uncertainty.motions
+    gain = np.zeros((6, len(targets)))
+    if survey.full is None:
+        own = _turned(survey, rows[count:], placement.rotation)
+    else:
+        together = np.linalg.pinv(fitted)
+        rest = np.hstack([-targets @ together, np.eye(len(targets))])
+        own = rest @ _turned(survey, rows, placement.rotation) @ rest.T
+        common = uncertainty.noise_mm.reshape(len(motions), -1)[:, : 3 * count] @ together.T
+        motions = motions + common
+        noise = uncertainty.noise_mm.reshape(len(motions), -1)[:, 3 * count :] - common @ targets.T
         # What of the motion follows the targets' own errors; shrunk where draws are few.
-        noise = uncertainty.targets_mm.reshape(len(motions), -1)
         gram = noise.T @ noise
-        ridge = np.trace(gram) / len(gram) * len(gram) / len(motions) + 1e-300
+        ridge = np.trace(gram) / len(motions) + 1e-300
         gain = np.linalg.solve(gram + ridge * np.eye(len(gram)), noise.T @ motions).T
         motions = motions - noise @ gain.T
-    through = np.eye(len(own)) + lever @ gain
-    covariance = through @ own @ through.T + lever @ np.cov(motions.T) @ lever.T
+    through = np.eye(len(targets)) + targets @ gain
+    covariance = through @ own @ through.T + targets @ np.cov(motions.T) @ targets.T
     return np.asarray(0.5 * (covariance + covariance.T))
 
 
-def turned_covariance(survey: SurveyPoints, points: list[SurveyPoint], rotation: Array) -> Array:
-    """Return the survey's covariance (3T, 3T) of points, in the part frame."""
-    by_name = {point.name: n for n, point in enumerate(survey.points)}
-    rows = [by_name[point.name] for point in points]
+def _lever(arms: Array) -> Array:
+    """Return how places (N, 3) from the centre move with a shift and a turn (3N, 6)."""
+    lever = np.zeros((3 * len(arms), 6))
+    for i, (x, y, z) in enumerate(arms):
+        lever[3 * i : 3 * i + 3, :3] = np.eye(3)
+        lever[3 * i : 3 * i + 3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
+    return lever
+
+
+def _turned(survey: SurveyPoints, rows: list[int], rotation: Array) -> Array:
+    """Return the survey's covariance (3K, 3K) of points, in the part frame."""
     turn = np.kron(np.eye(len(rows)), rotation)
     return np.asarray(turn @ survey.covariance(rows) @ turn.T)
 
@@ -165,7 +185,3 @@ def _motion(drawn: Placement, best: Placement) -> Array:
     turn = Rotation.from_matrix(drawn.rotation).as_rotvec()
     centre = best.centre_mm
     return np.concatenate([drawn.rotation @ centre + drawn.translation_mm - centre, turn])
-
-
-def _cross(v: Array) -> Array:
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

@@ -17,6 +17,7 @@ from omm_core.overstock.uncertainty import Uncertainty
 Array = NDArray[np.float64]
 LIMITS = 1e-6
 ENOUGH_MM = 1e-6
+MOST_BARE = 20
 
 
 def document(
@@ -34,7 +35,8 @@ def document(
     feasible = placement.smallest_mm >= -ENOUGH_MM and placement.breach_mm <= ENOUGH_MM
     missing = 0.0
     if remedies is not None:
-        missing = remedies.missing_mm or max(0.0, -placement.smallest_mm)
+        # One allowance of those that limit, lowered alone: the whole of what is missing there.
+        missing = -placement.smallest_mm / max(float(weights.max()), LIMITS)
     return {
         "feasible": bool(feasible),
         "determined": not loose_motions(problem.faces, placement)[0],
@@ -158,9 +160,11 @@ def describe(
 
 def _describe_faces(problem: Problem, settled: Settled, findings: list[str]) -> None:
     seen = set(settled.wish.groups.tolist())
-    for number, group in enumerate(problem.groups.asked):
-        if number not in seen:
-            findings.append(f"no point on {group.name}: its overstock is not known")
+    bare = [g.name for n, g in enumerate(problem.groups.asked) if n not in seen]
+    for name in bare[:MOST_BARE]:
+        findings.append(f"no point on {name}: its overstock is not known")
+    if len(bare) > MOST_BARE:
+        findings.append(f"no point on {len(bare) - MOST_BARE} more faces, either")
     for number in np.unique(settled.face):
         face = problem.faces[number]
         if face.kind == "free":
@@ -193,4 +197,4 @@ def _describe_lack(
         findings.append(f"{names[n]}: alone, its allowance would have to be lowered by {by:.3f} mm")
     if len(remedies.least) > 1:
         least = " and ".join(f"{by:.3f} mm on {names[n]}" for n, by in remedies.least.items())
-        findings.append(f"the least to give up, in sum {remedies.missing_mm:.3f} mm: {least}")
+        findings.append(f"the least to give up in all, {remedies.sum_mm:.3f} mm: {least}")
