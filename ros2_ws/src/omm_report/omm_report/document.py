@@ -2,15 +2,18 @@
 
 Fonts are DejaVu, out of matplotlib's folder, and embedded: a document looks the same everywhere.
 All dates inside are ``FIXED_DATE``: when something was measured is content, not a file's property.
+It is PDF/A-3 where the installed fpdf2 can make that (2.8.5 and later).
 """
 
 from __future__ import annotations
 
+import inspect
 import io
 from collections.abc import Sequence
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING
+from xml.sax.saxutils import escape
 
 import matplotlib
 import numpy as np
@@ -22,6 +25,7 @@ from PIL import Image
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+_ARCHIVAL = "PDF/A-3B"
 FIXED_DATE = datetime(2000, 1, 1, tzinfo=timezone.utc)
 _FAMILY = "DejaVu"
 _HEADING_PT = {1: 18, 2: 13, 3: 11}
@@ -35,15 +39,19 @@ class Document:
     ----------
     title : str
         Stands on top, and in the file's properties.
+    language : str
+        Of the words in it.
     """
 
-    def __init__(self, title: str) -> None:
-        self._pdf = FPDF(format="A4", unit="mm")
+    def __init__(self, title: str, *, language: str = "en") -> None:
+        self._pdf = FPDF(format="A4", unit="mm", **_compliance())
+        if _compliance():
+            self._pdf.set_xmp_metadata(_metadata(title, language))
         self._pdf.set_creation_date(FIXED_DATE)
         self._pdf.set_title(title)
         self._pdf.set_creator("omm")
         self._pdf.set_producer("omm")
-        self._pdf.set_lang("en")
+        self._pdf.set_lang(language)
         fonts = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
         self._pdf.add_font(_FAMILY, "", fonts / "DejaVuSans.ttf")
         self._pdf.add_font(_FAMILY, "B", fonts / "DejaVuSans-Bold.ttf")
@@ -128,3 +136,25 @@ class Document:
         self._pdf.ln(1)
         if caption:
             self.paragraph(caption)
+
+
+def _compliance() -> dict[str, str]:
+    """Return what asks fpdf2 for PDF/A; nothing where it does not know it yet."""
+    known = "enforce_compliance" in inspect.signature(FPDF.__init__).parameters
+    return {"enforce_compliance": _ARCHIVAL} if known else {}
+
+
+def _metadata(title: str, language: str) -> str:
+    """Return the XMP that PDF/A wants; fpdf2's own would hold the time of day."""
+    date = FIXED_DATE.strftime("%Y-%m-%dT%H:%M:%S+00:00")
+    return f"""<x:xmpmeta xmlns:x="adobe:ns:meta/">
+ <rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">
+  <rdf:Description rdf:about="" xmlns:dc="http://purl.org/dc/elements/1.1/"
+    xmlns:pdf="http://ns.adobe.com/pdf/1.3/" xmlns:pdfaid="http://www.aiim.org/pdfa/ns/id/"
+    xmlns:xmp="http://ns.adobe.com/xap/1.0/" pdf:Producer="omm" xmp:CreatorTool="omm"
+    xmp:CreateDate="{date}" xmp:ModifyDate="{date}" pdfaid:part="3" pdfaid:conformance="B">
+   <dc:title><rdf:Alt><rdf:li xml:lang="x-default">{escape(title)}</rdf:li></rdf:Alt></dc:title>
+   <dc:language><rdf:Bag><rdf:li>{escape(language)}</rdf:li></rdf:Bag></dc:language>
+  </rdf:Description>
+ </rdf:RDF>
+</x:xmpmeta>"""

@@ -14,6 +14,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--calibration", metavar="FILE", type=Path, help="calibration (default: the run's)"
     )
     parser.add_argument(
+        "--language", choices=("en", "de", "es", "eu"), default="en", help="default: en"
+    )
+    parser.add_argument(
         "--out", metavar="PDF", type=Path, default=Path("report.pdf"), help="default: report.pdf"
     )
 
@@ -31,6 +34,6 @@ def run(arguments: argparse.Namespace) -> int:
         if not one.result.determined or not one.result.solution.converged:
             reasons = "; ".join([*one.result.missing, *one.result.findings])
             raise MeasurementError(f"{one.run} has no result to report: {reasons}.")
-    write_whole(arguments.out, run_report(solved))
+    write_whole(arguments.out, run_report(solved, arguments.language))
     print(arguments.out)
     return 0
