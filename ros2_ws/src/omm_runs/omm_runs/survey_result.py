@@ -129,7 +129,20 @@ def as_json(
         "scale_bars": _measured(network, given.scale_bars, "scale bar", findings),
         "check_bars": _measured(network, given.check_bars, "check bar", findings),
         "findings": findings,
+        "observations": _observations(network, names),
     }
+
+
+def _observations(network: Network, names: list[str]) -> list[dict[str, Any]]:
+    residuals = network.solution.residuals["rays"]
+    return [
+        {
+            "file": names[s.photo], "name": name_of(s.point), "col_px": float(s.center_px[0]),
+            "row_px": float(s.center_px[1]), "residual_px": residuals[i].tolist(),
+            "used": bool(network.used[i]),
+        }
+        for i, s in enumerate(network.sightings)
+    ]  # fmt: skip
 
 
 def _points(network: Network, out: Delivered) -> list[dict[str, Any]]:

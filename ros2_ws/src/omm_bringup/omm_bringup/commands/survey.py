@@ -13,6 +13,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--out", metavar="POINTS.json", type=Path, help="write the coordinates")
     parser.add_argument("--json", metavar="OUT", type=Path, help="write the result as JSON")
+    parser.add_argument("--report", metavar="PDF", type=Path, help="write a document")
+    parser.add_argument(
+        "--scene", metavar="HTML", type=Path, help="write the network as a scene for the browser"
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -37,5 +41,13 @@ def run(arguments: argparse.Namespace) -> int:
         write_whole(arguments.json, json.dumps(result, indent=1, allow_nan=False) + "\n")
     if arguments.out is not None and found is not None:
         write_points(arguments.out, found)
+    if arguments.report is not None:
+        from omm_report.survey_report import survey_document
+
+        write_whole(arguments.report, survey_document(result, arguments.set.name))
+    if arguments.scene is not None:
+        from omm_report.survey_scene import survey_scene
+
+        write_whole(arguments.scene, survey_scene(result, f"Survey {arguments.set.name}"))
     print(survey_text(result))
     return 0 if result["converged"] else 1

@@ -58,6 +58,8 @@ class Network:
         Test of each ray, chi-square of two.
     left_out_points, left_out_photos : mapping
         Why coded targets and photographs do not take part, by number.
+    words : tuple of str
+        What else must be told.
     """
 
     photos: dict[int, int]
@@ -73,6 +75,7 @@ class Network:
     diameters_mm: dict[str, float] = field(default_factory=dict)
     left_out_points: dict[int, str] = field(default_factory=dict)
     left_out_photos: dict[int, str] = field(default_factory=dict)
+    words: tuple[str, ...] = ()
 
     @property
     def lens(self) -> Array:

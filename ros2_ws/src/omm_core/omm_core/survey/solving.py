@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.errors import MeasurementError
+from omm_core.survey.bars import agreeing_bars
 from omm_core.survey.camera_model import project, undistorted
 from omm_core.survey.matching import match_dots, placed
 from omm_core.survey.network import (
@@ -30,6 +31,13 @@ _CLAIM_PX = 1.5  # a dot so near to where a known target must be is that target
 _RING = 3.6  # times the radius of a coded dot: nothing within is a plain target
 _ANGLE_RAD = 0.02  # between rays, once the lens is known
 _WEEDINGS = 8
+_FOCAL_TRIED = (1.0, 0.8, 1.25, 0.65, 1.5)
+_GOOD_PX, _USABLE_PX = 0.3, 3.0  # rms of a start
+_GOOD_SHARE = 0.5  # of the photographs
+_LOOSE = (
+    "The photographs do not hang together: expected each to show four targets or more that others"
+    " show from other sides, too. Take more, which overlap more."
+)
 _MARGIN = 0.3  # of the coded targets' box, on each side, where plain ones may be
 
 
@@ -59,15 +67,57 @@ def solve_network(
     """
     middle = (np.array(size_px) - 1.0) / 2.0
     declared = diameters_mm or {}
-    network = _coded_network(sightings, bars, focal_length_px, middle, declared)
+    network = _started(sightings, bars, focal_length_px, middle, declared)
     zoomed = zoomed_photos(network)
     if zoomed:
         sightings = [s for s in sightings if s.photo not in zoomed]
-        network = _coded_network(sightings, bars, focal_length_px, middle, declared)
-    every = sightings
-    if dots:
-        network, every = _with_dots(network, sightings, bars, dots, declared)
-    return _weeded(network, every, bars, declared, Misfits(photos=zoomed))
+        network = _started(sightings, bars, float(network.lens[0]), middle, declared)
+    bars, words = agreeing_bars(network, bars)
+    try:
+        every = sightings
+        if dots:
+            network, every = _with_dots(network, sightings, bars, dots, declared)
+        network = _weeded(network, every, bars, declared, Misfits(photos=zoomed))
+    except np.linalg.LinAlgError:
+        raise MeasurementError(_LOOSE) from None
+    return replace(network, words=(*words, *network.words))
+
+
+def _started(
+    sightings: list[Sighting],
+    bars: list[Bar],
+    focal_length_px: float,
+    middle: Array,
+    declared: dict[str, float],
+) -> Network:
+    """Return the network of coded targets, though the focal length be told quite wrong."""
+    if not sightings:
+        raise MeasurementError("Expected coded targets in the photographs; none was read.")
+    best: Network | None = None
+    reason: Exception | None = None
+    for factor in _FOCAL_TRIED:
+        try:
+            with np.errstate(all="ignore"):
+                found = _coded_network(sightings, bars, factor * focal_length_px, middle, declared)
+        except (MeasurementError, np.linalg.LinAlgError, ValueError) as error:
+            reason = reason or error
+            continue
+        if best is None or _worth(found) > _worth(best):
+            best = found
+        if found.rms_px < _GOOD_PX and len(found.photos) >= _GOOD_SHARE * len(
+            {s.photo for s in sightings}
+        ):
+            break
+    if best is not None and best.rms_px < _USABLE_PX:
+        return best
+    if best is None and isinstance(reason, MeasurementError):
+        raise reason
+    raise MeasurementError(_LOOSE)
+
+
+def _worth(network: Network) -> float:
+    """Return how good a start is: rays that fit, the more the better."""
+    return float(network.used.sum()) / (1.0 + network.rms_px)
 
 
 def _weeded(
@@ -106,12 +156,15 @@ def _coded_network(
     middle: Array,
     declared: dict[str, float],
 ) -> Network:
-    """Return the network of coded targets: a start, then photographs and points by turns."""
+    """Return the network of coded targets: a start, then photographs and points by turns.
+
+    No bar takes part: a wrong one would bend all rays. They only tell how large it is, about.
+    """
     lens = np.r_[focal_length_px, np.zeros(9)]
     photos, points = start_network(_rays(sightings, lens, middle), 1.0 / focal_length_px)
     points = _seen_by(3, points, photos, sightings)
     state = _scaled(State(lens=lens, photos=photos, points=points, declared_mm=declared), bars)
-    network = adjusted(state, sightings, bars, middle, stages_for(len(photos)))
+    network = adjusted(state, sightings, [], middle, stages_for(len(photos)))
     tried = (set(network.photos), set(network.points))
     while True:
         state = _extended(_scaled(state_of(network, declared), bars), sightings, middle, tried)
@@ -119,12 +172,7 @@ def _coded_network(
             break
         tried[0].update(state.photos)
         tried[1].update(state.points)
-        network = adjusted(state, sightings, bars, middle, stages_for(len(state.photos))[-1:])
-    if not network.bars:
-        raise MeasurementError(
-            "Expected at least one scale bar whose two ends are seen in three photographs each;"
-            " found none, so the coordinates have no scale. Photograph the bars more often."
-        )
+        network = adjusted(state, sightings, [], middle, stages_for(len(state.photos))[-1:])
     return network
 
 

@@ -28,6 +28,7 @@ def findings_of(
     """Return the findings of a network, the gravest first."""
     gone = [f"Target {n} is left out: {why}." for n, why in network.left_out_points.items()]
     return [
+        *network.words,
         *gone,
         *_bars(network),
         *_suspects(network, photo_name),
