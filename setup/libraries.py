@@ -23,7 +23,7 @@ def make_environment(home: Path, log: Path) -> None:
             )
     options = ["--system-site-packages"] if ON_ROS else []
     call(
-        [base_python(), "-m", "venv", "--clear", *options, str(home / "venv")],
+        [base_python(), "-I", "-m", "venv", "--clear", *options, str(home / "venv")],
         log,
         dict(os.environ),
     )
@@ -34,7 +34,7 @@ def install(home: Path, name: str, environment: dict[str, str]) -> None:
     python = str(home / "venv" / "bin" / "python")
     # Compiling all modules ahead would double the time; the few that run are compiled then.
     quick = ["--no-compile", "--progress-bar=off", "--disable-pip-version-check"]
-    pip = [python, "-m", "pip", "install", *quick]
+    pip = [python, "-I", "-m", "pip", "install", *quick]
     if ON_ROS:
         listed = ROOT / "requirements" / ("test.in" if name == "test" else "ros-jazzy.txt")
     else:
@@ -62,6 +62,8 @@ def install(home: Path, name: str, environment: dict[str, str]) -> None:
     step(home, name, hashlib.sha256(listed.read_bytes()).hexdigest(), work, title)
 
 
+# Not -I: where ROS is installed, PYTHONPATH says where. The current folder does not count.
+SAFE_PATH = "import sys; sys.path[:] = [p for p in sys.path if p.startswith('/')]; "
 PIP_PROGRESS = r"^(?:Collecting|  Using|Requirement)"
 
 
@@ -89,7 +91,7 @@ def missing_on_ros(python: str, listed: Path, environment: dict[str, str]) -> li
         "import sys, importlib.util as u; print(*[m for m in sys.argv[1:] if not u.find_spec(m)])"
     )
     found = subprocess.run(
-        [python, "-c", code, *(module for _, module in pairs)],
+        [python, "-c", SAFE_PATH + code, *(module for _, module in pairs)],
         env=environment,
         capture_output=True,
         text=True,
@@ -105,7 +107,9 @@ def mend_wheels(home: Path) -> None:
         "import sysconfig, numpy; print(sysconfig.get_path('include')); print(numpy.get_include())"
     )
     python = str(home / "venv" / "bin" / "python")
-    output = subprocess.run([python, "-c", code], capture_output=True, text=True, check=True).stdout
+    output = subprocess.run(
+        [python, "-I", "-c", code], capture_output=True, text=True, check=True
+    ).stdout
     include, numpy_include = output.splitlines()[-2:]
     for file in (home / "venv" / "share").rglob("*.cmake"):
         text = file.read_text()

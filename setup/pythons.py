@@ -48,6 +48,6 @@ def python_version(python: str) -> tuple[int, int]:
         return 3, int(match[1])
     code = "import sys; print(*sys.version_info[:2])"
     major, minor = subprocess.run(
-        [python, "-c", code], capture_output=True, text=True, check=True
+        [python, "-I", "-c", code], capture_output=True, text=True, check=True
     ).stdout.split()
     return int(major), int(minor)

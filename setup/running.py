@@ -22,7 +22,9 @@ def run_executable(home: Path, words: list[str], environment: dict[str, str]) ->
             file=sys.stderr,
         )
         return 2
-    os.execve(folder / executable, [executable, *words[2:]], environment)
+    # For what it starts with -m or -c: the current folder is no place to look for modules.
+    safe = {**environment, "PYTHONSAFEPATH": "1"}
+    os.execve(folder / executable, [executable, *words[2:]], safe)
 
 
 def run_tool(words: list[str], environment: dict[str, str]) -> int:

@@ -42,6 +42,7 @@ def call(
         with subprocess.Popen(
             command,
             env=environment,
+            cwd=log.parent,  # modules of the user's folder are none of ours
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,

@@ -69,4 +69,8 @@ def environment_of(home: Path) -> dict[str, str]:
     variables = json.loads((home / "environment.json").read_text())
     variables["PATH"] = variables["PATH"].replace("@PATH@", os.environ["PATH"])
     variables["OMM_ROOT"] = str(ROOT)
-    return {**os.environ, **variables}
+    environment = {**os.environ, **variables}
+    # An empty entry is the current folder, whatever lies there.
+    paths = environment.get("PYTHONPATH", "").split(":")
+    environment["PYTHONPATH"] = ":".join(path for path in paths if os.path.isabs(path))
+    return environment

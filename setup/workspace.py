@@ -31,6 +31,7 @@ def build(home: Path, log: Path) -> None:
         bases.append(str(ROOT / "ros2_ws" / "only_without_ros" / "tf2_msgs"))
     colcon = [
         str(home / "venv" / "bin" / "python"),
+        *([] if ON_ROS else ["-I"]),
         "-m",
         "colcon",
         "--log-base",

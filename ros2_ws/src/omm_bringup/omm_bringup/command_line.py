@@ -9,9 +9,12 @@ import io
 import os
 import pkgutil
 import sys
+from typing import Any
 
 from omm_bringup import commands
+from omm_bringup.values import guard
 from omm_core.errors import InputError, OmmError
+from omm_core.printable import printable
 
 COMMANDS = tuple(sorted(module.name for module in pkgutil.iter_modules(commands.__path__)))
 
@@ -40,6 +43,9 @@ def main(arguments: list[str] | None = None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.add_arguments(parser)
+    guard(parser)
+    plain = sys.stdout
+    sys.stdout = Printable(plain)
     try:
         return int(command.run(parser.parse_args(arguments[1:])))
     except InputError as error:
@@ -53,11 +59,33 @@ def main(arguments: list[str] | None = None) -> int:
         # The reader of our output has gone (`| head`): nothing is left to tell it.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
+    except OSError as error:
+        # A folder that may not be entered, a full disk, a name too long: no fault of omm's.
+        name = f"{error.filename}: " if error.filename is not None else ""
+        return _failed(InputError(f"{name}{error.strerror or error}."), 2)
+    except MemoryError:
+        return _failed(InputError("The memory does not suffice for what was given."), 2)
+    finally:
+        sys.stdout = plain
 
 
 def _failed(error: OmmError, status: int) -> int:
-    print(f"omm: {error}", file=sys.stderr)
+    print(f"omm: {printable(str(error))}", file=sys.stderr)
     return status
+
+
+class Printable:
+    """Standard output on which nothing that stood in a file steers the terminal."""
+
+    def __init__(self, stream: Any) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        """Write text, escaped where it would steer the terminal."""
+        return int(self._stream.write(printable(text)))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
 
 
 def _usage(name: str) -> int:

@@ -2,6 +2,8 @@
 
 import sys
 
+from omm_core.printable import printable
+
 
 class OmmError(Exception):
     """Base of all errors that omm raises on purpose."""
@@ -21,4 +23,4 @@ class DeviceError(OmmError):
 
 def warn(text: str) -> None:
     """Tell on stderr what was wrong with something that is used all the same."""
-    print(f"omm: warning: {text}", file=sys.stderr)
+    print(f"omm: warning: {printable(text)}", file=sys.stderr)

@@ -14,7 +14,7 @@ from omm_recording import container
 from omm_recording.container import MAGIC, PREFIX, UNREADABLE, CutShort, Record
 from omm_recording.mcap_file import McapFile
 from omm_recording.mcap_writer import Link
-from omm_recording.seal import CHAIN, SEAL, parsed_chain, signature_holds
+from omm_recording.seal import CHAIN, SEAL, parsed_chain, sealed, signature_holds
 from omm_recording.summary_section import Contents, ending
 
 _PIECE_BYTES = 8 << 20
@@ -76,10 +76,22 @@ def verify(path: Path, trusted_key: str | None = None) -> Verdict:
             public_key=seal.get("public_key_ed25519"),
             signed="signature" in seal,
         )
+        _check_words(seal, links, verdict)
         _check_signature(seal, trusted_key, verdict)
         _check_chain(file, links, seal, verdict)
         _check_rest(file, links, recording.size, verdict)
     return verdict
+
+
+def _check_words(seal: dict[str, str], links: list[Link], verdict: Verdict) -> None:
+    """The seal says what omm writes of these links, and nothing more."""
+    expected = sealed(links, None) if links else {}
+    for name in sorted({*seal, *expected} - {"public_key_ed25519", "signature", "sha256"}):
+        if seal.get(name) != expected.get(name):
+            verdict.blame(
+                f"the seal says {name} {str(seal.get(name))[:99]!r}, it must be"
+                f" {expected.get(name)!r}"
+            )
 
 
 def _check_signature(seal: dict[str, str], trusted_key: str | None, verdict: Verdict) -> None:

@@ -173,3 +173,16 @@ def test_a_key_of_another_kind_is_refused(tmp_path: Path) -> None:
         pytest.skip("needs openssl")
     with pytest.raises(InputError, match="Expected an Ed25519 key"):
         load_key(path)
+
+
+@pytest.mark.parametrize("words", [b"SHA-256(previous", b"block)", b"algorithm"])
+def test_the_words_of_the_seal_itself_are_compared(record: Any, words: bytes) -> None:
+    path = record()
+    data = path.read_bytes()
+    at = data.rindex(words)
+    path.write_bytes(
+        data[:at] + words.replace(b"o", b"0").replace(b"6", b"5") + data[at + len(words) :]
+    )
+    verdict = verify(path)
+    assert not verdict.intact
+    assert any("the seal says" in problem for problem in verdict.problems)

@@ -202,7 +202,9 @@ class _Feeder:
             raise self._bad_poses[0]
         if self._bad_poses:
             number = len(self._bad_poses)
-            self._notices.append(f"{number} spindle poses cannot be used: {self._bad_poses[0]}")
+            self._notices.append(
+                f"warning: {number} spindle poses cannot be used: {self._bad_poses[0]}"
+            )
 
 
 def _part(recording: Recording, named: Path | None, notices: list[str]) -> Part:

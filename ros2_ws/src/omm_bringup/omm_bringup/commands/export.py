@@ -38,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _marks(run: Path):  # type: ignore[no-untyped-def]
     """What to draw: nothing given where the recording itself tells it."""
-    from omm_core.errors import InputError
+    from omm_core.errors import InputError, warn
     from omm_recording.reading import Recording
     from omm_runs.exporting import ESTIMATE, OBSERVATIONS, Mark
 
@@ -50,7 +50,7 @@ def _marks(run: Path):  # type: ignore[no-untyped-def]
     try:
         result = solve_run(run).result
     except InputError as error:
-        print(f"omm: nothing is drawn in: {error}")
+        warn(f"nothing is drawn in: {error}")
         return {}
     marks: dict[int, list[Mark]] = {}
     for o in result.observations:

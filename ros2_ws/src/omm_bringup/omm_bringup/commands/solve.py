@@ -93,10 +93,11 @@ def _options(arguments: argparse.Namespace):  # type: ignore[no-untyped-def]
 def _print(solved, out: Path | None) -> int:  # type: ignore[no-untyped-def]
     from omm_core.errors import MeasurementError
     from omm_core.files.output import write_whole
+    from omm_core.printable import printable
     from omm_report.solution_text import solution_lines
 
     for notice in solved.notices:
-        print(f"omm: {notice}", file=sys.stderr)
+        print(printable(f"omm: {notice}"), file=sys.stderr)
     result = solved.result
     if not result.determined or not result.solution.converged:
         raise MeasurementError(_why_not(solved))

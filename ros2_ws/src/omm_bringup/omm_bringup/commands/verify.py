@@ -17,6 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the verdict; status 1 where the recording was changed."""
+    from omm_core.printable import printable
     from omm_recording.run_files import find_run
     from omm_recording.seal import public_key
     from omm_recording.verifying import verify
@@ -26,7 +27,7 @@ def run(arguments: argparse.Namespace) -> int:
     for path in find_run(arguments.run).recordings:
         verdict = verify(path, trusted)
         for problem in verdict.problems:
-            print(f"omm: {path}: {problem}", file=sys.stderr)
+            print(printable(f"omm: {path}: {problem}"), file=sys.stderr)
         if not verdict.intact:
             status = 1
             print(f"omm: {path} is NOT as it was recorded.", file=sys.stderr)

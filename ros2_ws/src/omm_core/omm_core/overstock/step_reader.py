@@ -42,7 +42,7 @@ def step_reader(root: Path | None) -> Any:
 
 def _install(lock: Path) -> None:
     print("omm: installing the reader for STEP (once, 28 MB) …", file=sys.stderr, flush=True)
-    command = [sys.executable, "-m", "pip", "install", "--no-deps", "--require-hashes"]
+    command = [sys.executable, "-I", "-m", "pip", "install", "--no-deps", "--require-hashes"]
     command += ["--progress-bar", "raw", "--disable-pip-version-check", "-r", str(lock)]
     last = "pip failed"
     with subprocess.Popen(

@@ -237,7 +237,7 @@ class LinuxCncCell:
                 break
             if not self.pids("milltask") or not (self.isolated or _status_memory_exists()):
                 continue
-            if self.run(["/usr/bin/python3", "-c", _SWITCH_ON]).returncode == 0:
+            if self.run(["/usr/bin/python3", "-I", "-c", _SWITCH_ON]).returncode == 0:
                 return
         self.stop()
         output = (self.folder / "output.txt").read_text(errors="replace")

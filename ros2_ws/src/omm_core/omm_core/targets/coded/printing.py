@@ -201,6 +201,10 @@ def _text(pdf, x: float, y: float, text: str, *, centred: bool = False) -> None:
     pdf.text(x - (0.5 * pdf.get_string_width(text) if centred else 0.0), y, text)
 
 
+_LARGEST_ID = 100_000
+"""More than any family has."""
+
+
 def parse_ids(text: str | Sequence[str]) -> tuple[int, ...]:
     """Read numbers such as ``1-10,15,20-25``.
 
@@ -215,9 +219,12 @@ def parse_ids(text: str | Sequence[str]) -> tuple[int, ...]:
         first, dash, last = part.partition("-")
         try:
             start = int(first)
-            ids.extend(range(start, int(last) + 1) if dash else [start])
+            end = int(last) if dash else start
+            if not 0 <= start <= end <= _LARGEST_ID:
+                raise ValueError
+            ids.extend(range(start, end + 1))
         except ValueError as error:
             raise InputError(
-                f"Expected numbers and ranges such as 1-10,15, got {part!r}."
+                f"Expected numbers and ranges such as 1-10,15, got {part[:80]!r}."
             ) from error
     return tuple(dict.fromkeys(ids))
