@@ -284,7 +284,7 @@ def all_targets(folder: Path) -> list[Target]:
     from omm_cnc_bridge.controls.mtconnect.model import read_device, read_document
     from omm_cnc_bridge.controls.opcua.mapping import load_mapping
     from omm_core.budget.budget_file import load_budget_file
-    from omm_core.budget.campaign import load_campaign_file
+    from omm_core.budget.campaign_file import load_campaign_file
     from omm_core.files.calibration_set import load_calibration_set
     from omm_core.files.machine import load_machine
     from omm_core.files.part import load_part
