@@ -103,7 +103,7 @@ def _contributor_rows(budget: Budget) -> list[list[str]]:
     rows = [["contributor", "distribution", "degrees of freedom", "u X, µm", "u Y", "u Z",
              f"share {'XYZ'[axis]}"]]  # fmt: skip
     for one in budget.contributions:
-        freedom = one.shape.degrees_of_freedom
+        freedom = float(one.degrees_of_freedom()[point, axis])
         cells = [f"{1e3 * abs(v):.2f}" for v in one.millimetres[point]]
         share = budget.combined.shares[one.name][point, axis]
         told = "∞" if freedom == float("inf") else f"{freedom:.1f}"

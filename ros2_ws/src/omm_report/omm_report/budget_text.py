@@ -58,8 +58,8 @@ def verdict_lines(budget: Budget) -> list[str]:
             ),
         ]
     agrees = budget.sampled.agrees.all()
-    twice = 2.0 * budget.combined.standard_uncertainty_mm
-    off = np.abs(budget.sampled.half_width_mm - twice) / np.where(twice > 0.0, twice, 1.0)
+    gum = budget.sampled.first_order_mm
+    off = np.abs(budget.sampled.half_width_mm - gum) / np.where(gum > 0.0, gum, 1.0)
     lines.append(
         f"Monte Carlo ({budget.sampled.trials} trials) "
         + ("agrees with the GUM" if agrees else "does not agree with the GUM")

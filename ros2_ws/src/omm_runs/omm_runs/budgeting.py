@@ -13,7 +13,7 @@ from omm_core.budget.box_map import BoxMap, grid_of
 from omm_core.budget.budget import Budget, Coverage, evaluate
 from omm_core.budget.budget_file import BudgetFile, NamedPoint, load_budget_file
 from omm_core.budget.campaign import Campaign, mean_theta, point_studies
-from omm_core.budget.evaluation import Contribution, combine, standard
+from omm_core.budget.evaluation import Contribution, combine
 from omm_core.budget.sources import (
     box_points,
     constant,
@@ -217,11 +217,17 @@ def _in_part(
     if len(found) == 1:
         return found[0], tuple(told)
     told.append("u_ip: of what is given, the largest counts at each point and axis")
-    largest = np.max([one.millimetres for one in found], axis=0)
-    freedom = found[-1].shape.degrees_of_freedom
-    counts = np.any(found[-1].millimetres >= largest)
-    shape = standard("normal", freedom if counts else np.inf)
-    return replace(found[0], millimetres=largest, shape=shape), tuple(told)
+    each = np.array([one.millimetres for one in found])
+    freedom = np.array([one.degrees_of_freedom() for one in found])
+    largest = each.argmax(axis=0)[None]
+    return (
+        replace(
+            found[0],
+            millimetres=np.take_along_axis(each, largest, 0)[0],
+            freedom=np.take_along_axis(freedom, largest, 0)[0],
+        ),
+        tuple(told),
+    )
 
 
 def _solved(path: Path, machine: Path | None) -> SolvedRun:

@@ -6,10 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import stats
 
+from omm_core.budget.campaign import Measured, evaluate_campaign, point_studies
 from omm_core.budget.machine import geometry_left_mm
 from omm_core.errors import InputError
 from omm_core.geometry import RigidTransform
+from omm_runs import budgeting
 from omm_runs.budgeting import budget_from, budget_of, load_sources, map_of
 from omm_runs.what_if import what_ifs
 
@@ -111,8 +114,6 @@ coverage_probability: 0.95
     assert 1e6 * u**2 == pytest.approx([28.0, 16.0 + c**2, 9.0])
     freedom = (16.0 + c**2) ** 2 / (c**4 / 4)
     assert result.combined.degrees_of_freedom[0] == pytest.approx([np.inf, freedom, np.inf])
-    from scipy import stats
-
     assert result.expanded_mm[0, 1] == pytest.approx(stats.t.ppf(0.975, freedom) * u[1])
     assert sum(result.shares().values()) == pytest.approx(1.0)
 
@@ -208,6 +209,70 @@ u_ip: {{run: {bench}}}
         for t in thetas
     ]
     assert found == pytest.approx(np.std(at, axis=0), rel=0.03)
+
+
+def test_u_ip_of_a_campaign_has_the_degrees_of_freedom_that_it_has(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    random = np.random.default_rng(3)
+    sigma = np.array([4e-6, 3e-6, 1e-6, 0.002, 0.003, 0.006, 1e-5])
+    measured = [
+        Measured(
+            clamping=k,
+            repeat=n,
+            theta=np.array([0.0, 0, 0, 10, 20, 30, 0]) + random.normal(size=7) * sigma,
+            covariance=np.diag(sigma**2),
+        )
+        for k in range(5)
+        for n in range(3)
+    ]
+    (tmp_path / "part.yaml").write_text(PART)
+    monkeypatch.setattr(budgeting, "campaign_of", lambda path: (evaluate_campaign(measured), None))
+    text = """
+part: part.yaml
+points: [{name: near, xyz_mm: [0, 0, 0]}, {name: far, xyz_mm: [1500, 1000, 500]}]
+u_ip: {campaign: campaign.yaml}
+coverage_probability: 0.9545
+"""
+    budget = budget_from(load_sources(write(tmp_path, text)))
+    xyz = np.array([[0, 0, 0], [1500, 1000, 500]], dtype=float)
+    studies = point_studies(measured, xyz)
+    for point in range(2):
+        for axis in range(3):
+            one = studies[point][axis]
+            u = budget.combined.standard_uncertainty_mm[point, axis]
+            assert u == pytest.approx(one.reproducibility)
+            nu = one.degrees_of_freedom
+            assert budget.combined.degrees_of_freedom[point, axis] == pytest.approx(nu)
+            assert budget.expanded_mm[point, axis] == pytest.approx(
+                u * stats.t.ppf(0.97725, nu), rel=1e-3
+            )
+    assert np.isfinite(budget.sampled.half_width_mm).all()
+    # One contributor with Student's distribution: both say the same.
+    assert budget.sampled.half_width_mm == pytest.approx(budget.expanded_mm, rel=0.01)
+
+
+def test_the_larger_of_run_and_campaign_counts(
+    bench: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    random = np.random.default_rng(4)
+    sigma = np.array([1e-9, 1e-9, 1e-9, 0.1, 1e-7, 1e-7, 1e-9])
+    measured = [
+        Measured(
+            clamping=k,
+            repeat=1,
+            theta=np.array([0.0, 0, 0, 10, 20, 30, 0]) + random.normal(size=7) * sigma,
+            covariance=np.diag(sigma**2),
+        )
+        for k in range(6)
+    ]
+    monkeypatch.setattr(budgeting, "campaign_of", lambda path: (evaluate_campaign(measured), None))
+    text = f"part: {bench}/part.yaml\nu_ip: {{run: {bench}, campaign: campaign.yaml}}\n"
+    budget = budget_from(load_sources(write(tmp_path, text)))
+    freedom = budget.combined.degrees_of_freedom
+    assert freedom[:, 0] == pytest.approx(5.0)
+    assert np.isinf(freedom[:, 1:]).all()
+    assert np.isfinite(budget.sampled.half_width_mm).all()
 
 
 def test_what_helps_is_computed_again_and_the_largest_comes_first(

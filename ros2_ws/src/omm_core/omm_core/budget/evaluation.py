@@ -45,12 +45,21 @@ class Contribution:
         Sensitivity times standard uncertainty along machine X Y Z; with its sign.
     shape : Distribution
         Of unit standard uncertainty.
+    freedom : (P, 3) array or None
+        Degrees of freedom where they differ from point to point (a campaign's); else the shape's.
     """
 
     name: str
     group: str
     millimetres: Array
     shape: Distribution
+    freedom: Array | None = None
+
+    def degrees_of_freedom(self) -> Array:
+        """Return the degrees of freedom at each point and axis, (P, 3)."""
+        if self.freedom is not None:
+            return self.freedom
+        return np.full(self.millimetres.shape, self.shape.degrees_of_freedom)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,10 +85,12 @@ class Combined:
 class Sampled:
     """What Monte Carlo says: half width of the interval with equal tails, and whether GUM agrees.
 
-    ``sigma_mm`` is the standard deviation of ``half_width_mm`` from one seed to another.
+    ``first_order_mm`` is the GUM's half width that it is compared with; ``sigma_mm`` the standard
+    deviation of ``half_width_mm`` from one seed to another.
     """
 
     half_width_mm: Array
+    first_order_mm: Array
     agrees: NDArray[np.bool_]
     sigma_mm: Array
     trials: int
@@ -128,17 +139,26 @@ def sample(
         Compare with the GUM's interval by Student's factor instead of k = 2.
     """
     random = np.random.default_rng(seed)
-    names = [c.name for c in contributions]
-    matrix = correlation_matrix(names, correlation)
-    shapes = [c.shape for c in contributions]
+    # What has other degrees of freedom at each point is drawn for each of them.
+    own = [c for c in contributions if c.freedom is not None]
+    shared = [c for c in contributions if c.freedom is None]
+    names = [c.name for c in shared]
+    known = {pair: r for pair, r in correlation.items() if set(pair) <= set(names)}
+    matrix = correlation_matrix(names, known)
+    shapes = [c.shape for c in shared]
     points = combined.standard_uncertainty_mm.shape[0]
-    each = np.array([c.millimetres.reshape(-1) for c in contributions])
+    each = np.array([c.millimetres.reshape(-1) for c in shared]).reshape(len(shared), 3 * points)
     u = combined.standard_uncertainty_mm.reshape(-1)
     delta = np.array([tolerance_of(value) for value in u])
     tails = [round((0.5 + side * PROBABILITY / 2) * (_BLOCK - 1)) for side in (-1, 1)]
     ends: list[Array] = []
     while len(ends) < _MOST_BLOCKS:
         errors = each.T @ draw(shapes, matrix, random, _BLOCK)
+        for one in own:
+            # numpy's Student knows no infinity.
+            degrees = np.minimum(one.degrees_of_freedom(), 1e9).reshape(-1, 1)
+            spread = one.millimetres.reshape(-1, 1)
+            errors += spread * random.standard_t(degrees, (len(spread), _BLOCK))
         errors.partition(tails, axis=1)
         ends.append(errors[:, tails])
         if len(ends) >= 4 and np.all(_spread(ends) <= delta[:, None] / 5.0):
@@ -152,6 +172,7 @@ def sample(
     halves = np.array([(end[:, 1] - end[:, 0]) / 2 for end in ends])
     return Sampled(
         half_width_mm=((high - low) / 2).reshape(points, 3),
+        first_order_mm=(factor * u).reshape(points, 3),
         agrees=(off <= delta).reshape(points, 3),
         sigma_mm=(halves.std(axis=0, ddof=1) / math.sqrt(len(ends))).reshape(points, 3),
         trials=len(ends) * _BLOCK,
@@ -173,9 +194,8 @@ def _welch_satterthwaite(
     """
     needed = np.zeros_like(variance)
     for group in _groups(matrix):
-        freedom = min(contributions[i].shape.degrees_of_freedom for i in group)
-        if math.isfinite(freedom):
-            needed += crossed[group].sum(axis=0) ** 2 / freedom
+        freedom = np.min([contributions[i].degrees_of_freedom() for i in group], axis=0)
+        needed += crossed[group].sum(axis=0) ** 2 / freedom
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(needed > 0.0, variance**2 / np.where(needed > 0, needed, 1.0), np.inf)
 

@@ -165,7 +165,7 @@ def correlation_matrix(names: Sequence[str], correlation: Correlation) -> Array:
     for (first, second), r in correlation.items():
         i, j = names.index(first), names.index(second)
         matrix[i, j] = matrix[j, i] = r
-    if np.linalg.eigvalsh(matrix).min() < -1e-9:
+    if len(names) and np.linalg.eigvalsh(matrix).min() < -1e-9:
         told = ", ".join(f"{a}–{b} {r:g}" for (a, b), r in correlation.items())
         raise InputError(f"Expected correlations that can be true together, got {told}.")
     return matrix

@@ -79,13 +79,15 @@ def from_covariances(name: str, group: str, covariances: Array, freedom: float) 
 def from_studies(studies: Sequence[Sequence[OneFactor]]) -> Contribution:
     """Return u_ip as a campaign saw it: of one measurement after a new clamping, at each point.
 
-    Its degrees of freedom are the fewest of all points and axes. With one clamping, it is the
-    repeats' alone.
+    With one clamping, it is the repeats' alone.
     """
-    millimetres = np.array([[_seen(one)[0] for one in axes] for axes in studies])
-    freedom = min(_seen(one)[1] for axes in studies for one in axes)
+    seen = np.array([[_seen(one) for one in axes] for axes in studies])
     return Contribution(
-        name="u_ip", group="u_ip", millimetres=millimetres, shape=standard("normal", freedom)
+        name="u_ip",
+        group="u_ip",
+        millimetres=seen[..., 0],
+        shape=standard("normal"),
+        freedom=seen[..., 1],
     )
 
 
