@@ -21,6 +21,7 @@ from sensor_msgs.msg import Image
 
 from omm_core.errors import InputError
 from omm_core.files.machine import load_machine
+from omm_core.files.outside import read_bytes
 from omm_core.files.part import load_part
 from omm_operator import conversions
 from omm_operator.operating import Operation
@@ -198,12 +199,12 @@ class OperatorNode(Node):
     def _take_part_file(self, path: str) -> None:
         """Take a part file that a parameter names, here or at the estimator: never a page."""
         try:
-            content = Path(path).read_bytes()
+            content = read_bytes(path, "part file")
             if (path, content) == self._part_file:
                 return
             self._part_file = (path, content)
             self._take(self._operation.screen.take_part_or_why, load_part(path))
-        except (InputError, OSError) as error:
+        except InputError as error:
             self._take(self._operation.screen.take_part_or_why, str(error))
 
     # --- what is told --------------------------------------------------------------------------

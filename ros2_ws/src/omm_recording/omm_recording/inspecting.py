@@ -1,10 +1,11 @@
 """What is in a recording, from its index alone: as quick for 50 GB as for one image."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from omm_core.errors import InputError, warn
+from omm_core.files.json_input import parse_json
 from omm_recording.mcap_file import McapFile
 from omm_recording.reading import Recording
 from omm_recording.repairing import REPAIRED
@@ -78,13 +79,13 @@ def inspect(run: Path) -> RunSummary:
                     name=topic.name,
                     type_name=topic.type_name,
                     messages=topic.messages,
-                    tally=json.loads(report.get(topic.name, "{}")),
+                    tally=_tally(report.get(topic.name, "{}")),
                 )
                 for topic in sorted(recording.topics.values(), key=lambda t: t.name)
             ),
             provenance=metadata.get(PROVENANCE, {}),
             ended_because=report.get("ended_because", ""),
-            queue_peak_bytes=int(report.get("queue_peak_bytes", 0)),
+            queue_peak_bytes=_whole(report.get("queue_peak_bytes", "0")),
             attached=_attached(recording, metadata),
             parameters={
                 name.removeprefix(PARAMETERS): values
@@ -94,6 +95,23 @@ def inspect(run: Path) -> RunSummary:
             seal=metadata.get(SEAL, {}),
             repaired=metadata.get(REPAIRED, {}),
         )
+
+
+def _tally(text: str) -> dict[str, Any]:
+    """Read what the recorder counted of a topic; what is no number is not it."""
+    try:
+        told = parse_json(text, "The recorder's count")
+    except InputError as error:
+        warn(str(error))
+        return {}
+    good = {k: v for k, v in told.items() if v is None or isinstance(v, int | float)}
+    if len(good) < len(told):
+        warn("The recorder's counts hold something that is no number; it is left out.")
+    return good
+
+
+def _whole(text: str) -> int:
+    return int(text) if text.isascii() and text.isdigit() and len(text) < 20 else 0
 
 
 def _compression(files: tuple[McapFile, ...]) -> str:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from omm_core.errors import InputError
+from omm_core.files.outside import read_bytes
 from omm_recording.mcap_writer import Link
 
 CHAIN = "omm_chain.csv"
@@ -80,7 +81,7 @@ def load_key(path: Path) -> Any:
     except ImportError as error:
         raise InputError("To sign recordings, install the Python package cryptography.") from error
     try:
-        data = path.read_bytes()
+        data = read_bytes(path, "private key", 1 << 20)
         ssh = b"OPENSSH PRIVATE KEY" in data
         load = serialization.load_ssh_private_key if ssh else serialization.load_pem_private_key
         key = load(data, password=None)
@@ -109,7 +110,7 @@ def public_key(words: str) -> str:
     try:
         from cryptography.hazmat.primitives import serialization
 
-        data = Path(words).read_bytes()
+        data = read_bytes(words, "public key", 1 << 20)
         ssh = data.startswith(b"ssh-")
         load = serialization.load_ssh_public_key if ssh else serialization.load_pem_public_key
         return str(load(data).public_bytes_raw().hex())

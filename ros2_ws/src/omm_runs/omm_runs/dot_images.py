@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from omm_core.camera_calibration.single_dot import PlainDot, find_bright_dots
 from omm_core.errors import InputError
+from omm_core.files.outside import read_bytes
 
 
 def dots_of_images(
@@ -38,10 +39,7 @@ def dots_of_images(
 
 
 def _read(path: Path, shape: tuple[int, int]) -> NDArray[Any]:
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}.") from error
+    data = read_bytes(path, "image", 1 << 30)
     cut = data.startswith(b"\x89PNG") and b"IEND" not in data[-4096:]
     flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
     image = None if cut or not data else cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from PIL import ExifTags, Image
 
 from omm_core.errors import InputError
+from omm_core.files.outside import read_bytes
 from omm_core.survey.sighting import sighting_of_target
 from omm_core.targets import DetectedTarget, TargetFamily, detect_targets
 from omm_core.targets.plain import PlainDot, PlainOptions, find_plain_dots
@@ -46,10 +47,7 @@ def read_photograph(path: Path) -> NDArray[Any]:
     """
     import cv2
 
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}.") from error
+    data = read_bytes(path, "photograph", 1 << 30)
     level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
     try:
         flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION

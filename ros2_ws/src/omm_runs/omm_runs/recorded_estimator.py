@@ -4,6 +4,7 @@ import json
 from dataclasses import dataclass, fields
 from typing import Any
 
+from omm_core.errors import InputError
 from omm_core.files.machine import Machine
 from omm_core.session.measurement import MeasurementOptions
 from omm_core.session.pairing import PairingOptions
@@ -12,6 +13,8 @@ from omm_recording.reading import Recording
 ESTIMATE = "/omm/estimate"
 EVENTS = "/parameter_events"
 NODE = "/estimator"
+_LARGEST = 1e9
+"""No setting is larger (mm, rad, s, px)."""
 
 Settings = dict[str, Any]
 
@@ -31,7 +34,7 @@ class RecordedEstimate:
 def recorded_settings(recording: Recording) -> Settings:
     """The estimator's parameters at the end of the recording; empty where it was not running."""
     table = recording.metadata().get(f"omm_parameters {NODE}", {})
-    settings = {name: json.loads(value) for name, value in table.items()}
+    settings = {name: _parsed(name, value) for name, value in table.items()}
     if not settings or EVENTS not in recording.topics:
         return settings
     for message in recording.messages([EVENTS]):
@@ -49,7 +52,34 @@ _ARRAYS = ("byte_array", "bool_array", "integer_array", "double_array", "string_
 
 def _value(value: Any) -> Any:
     """A parameter's value from its message; None where it is not set."""
-    return getattr(value, f"{(*_SCALARS, *_ARRAYS)[value.type - 1]}_value") if value.type else None
+    names = (None, *_SCALARS, *_ARRAYS)
+    name = names[value.type] if value.type < len(names) else None
+    return getattr(value, f"{name}_value") if name else None
+
+
+def _parsed(name: str, text: str) -> Any:
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise _unusable(name, text) from error
+
+
+def _unusable(name: str, value: object) -> InputError:
+    return InputError(
+        f"The recording says that the estimator's parameter {name[:80]!r} was {str(value)[:80]!r},"
+        " which it cannot have been: the recording was changed or is damaged."
+    )
+
+
+def _checked(name: str, value: Any, default: Any) -> Any:
+    """Return a recorded setting, which must be of the kind of its default, and finite."""
+    kinds: tuple[type, ...] = (int, float) if isinstance(default, float) else (type(default),)
+    if default is None:
+        kinds = (int, float, str, type(None))
+    good = isinstance(value, kinds) and isinstance(value, bool) == isinstance(default, bool)
+    if not good or (isinstance(value, int | float) and not abs(value) < _LARGEST):
+        raise _unusable(name, value)
+    return value
 
 
 def options_from(settings: Settings, machine: Machine | None = None) -> MeasurementOptions:
@@ -60,26 +90,35 @@ def options_from(settings: Settings, machine: Machine | None = None) -> Measurem
     pairing = PairingOptions()
     names = {"standstill_tolerance_mm": "tolerance_mm", "standstill_tolerance_rad": "tolerance_rad"}
     values: Settings = {f.name: getattr(pairing, f.name) for f in fields(pairing)}
-    values |= {names[k]: v for k, v in settings.items() if k in names}
+    values |= {
+        names[k]: _checked(k, v, float(values[names[k]])) for k, v in settings.items() if k in names
+    }
     for name in ("window", "gap"):
         if f"standstill_{name}_s" in settings:
-            values[f"{name}_ns"] = round(settings[f"standstill_{name}_s"] * 1e9)
+            told = _checked(name, settings[f"standstill_{name}_s"], 0.0)
+            values[f"{name}_ns"] = round(told * 1e9)
     found_settings = _of_class(SolveOptions, settings)
     if settings.get("machine_sigma_mm"):  # 0, and recordings of before: estimated from the run
-        found_settings.setdefault("stop_sigma_mm", settings["machine_sigma_mm"])
+        sigma = _checked("machine_sigma_mm", settings["machine_sigma_mm"], 0.0)
+        found_settings.setdefault("stop_sigma_mm", sigma)
     solve: SolveOptions = SolveOptions(**found_settings)
     if machine is not None:
         solve = solve.of_machine(machine.uncertainty)
     found = _of_class(DetectionOptions, settings)
     if "max_dot_diameter_px" in settings:
-        found["max_diameter_px"] = settings["max_dot_diameter_px"]
+        told = _checked("max_dot_diameter_px", settings["max_dot_diameter_px"], 0.0)
+        found["max_diameter_px"] = told
     detection: DetectionOptions = DetectionOptions(**found)
     return MeasurementOptions(pairing=PairingOptions(**values), solve=solve, detection=detection)
 
 
 def _of_class(kind: Any, settings: Settings) -> Settings:
     """Those settings that a class of options has under the same name."""
-    return {f.name: settings[f.name] for f in fields(kind) if f.name in settings}
+    return {
+        f.name: _checked(f.name, settings[f.name], f.default)
+        for f in fields(kind)
+        if f.name in settings
+    }
 
 
 def recorded_estimate(recording: Recording) -> RecordedEstimate | None:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from omm_cnc_bridge.control import Control
 from omm_cnc_bridge.parameters import Parameters
 from omm_core.errors import InputError
+from omm_core.files.outside import read_text
 from omm_core.machine.kinematics import Machine
 
 if TYPE_CHECKING:
@@ -98,10 +98,10 @@ def _linuxcnc_cell(p: Parameters) -> tuple[Control, Machine]:
 
 
 def _text(path: str) -> str:
-    try:
-        return Path(path).read_text(encoding="ascii")
-    except (OSError, ValueError) as error:
-        raise InputError(f"Expected a program at {path}: {error}.") from error
+    text = read_text(path, "program")
+    if not text.isascii():
+        raise InputError(f"Expected a program in plain letters (ASCII) at {path}.")
+    return text
 
 
 def _simulated(p: Parameters) -> tuple[Control, Machine]:

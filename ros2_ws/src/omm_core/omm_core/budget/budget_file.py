@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -282,7 +283,7 @@ def _probability(root: YamlSection) -> float | None:
 
 
 def _once(names: list[str], where: str) -> None:
-    twice = sorted({name for name in names if names.count(name) > 1})
+    twice = sorted(name for name, number in Counter(names).items() if number > 1)[:10]
     if twice:
         raise InputError(
             f"{where}: expected each name once, got {', '.join(twice)} more than once."

@@ -6,6 +6,7 @@ Besides, it may name ``part``, ``calibration``, ``tolerance_mm`` (full width, fo
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -58,7 +59,7 @@ def load_campaign_file(path: Path) -> CampaignFile:
     )
     places = [f"clamping {run.clamping}, repeat {run.repeat}" for run in runs]
     for what, each in (("clamping and repeat", places), ("run", [str(run.run) for run in runs])):
-        twice = sorted({one for one in each if each.count(one) > 1})
+        twice = sorted(one for one, number in Counter(each).items() if number > 1)[:10]
         if twice:
             raise InputError(f"{root.where}: expected each {what} once, got {twice[0]} twice.")
     reference = root.section("reference") if "reference" in root else None

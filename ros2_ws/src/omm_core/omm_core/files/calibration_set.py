@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -174,7 +175,7 @@ def _points(path: Path) -> tuple[tuple[str, ...], Array, Array | None]:
     names = wanted[1:] + (["col_px", "row_px"] if measured else [])
     numbers = np.array([[_number(path, i, row, n) for n in names] for i, row in enumerate(rows, 2)])
     images = tuple(row["image"] for row in rows)
-    twice = sorted({name for name in images if images.count(name) > 1}) if len(rows) < 5000 else []
+    twice = sorted(name for name, number in Counter(images).items() if number > 1)
     if twice:
         raise InputError(f"{path}: expected each image once, got {twice[0]} more than once.")
     return images, numbers[:, :3], numbers[:, 3:] if measured else None

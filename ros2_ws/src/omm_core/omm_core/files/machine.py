@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.errors import InputError
+from omm_core.files.outside import read_bytes
 from omm_core.files.yaml_input import YamlSection, read_yaml
 
 Array = NDArray[np.float64]
@@ -138,13 +139,7 @@ def load_machine(path: str | Path) -> Machine:
 
 def _is_xml(path: Path) -> bool:
     """Whether the file is XML. A file that is no UTF-8 text is: XML declares its own encoding."""
-    try:
-        with path.open("rb") as file:
-            start = file.read(4096)
-    except OSError as error:
-        raise InputError(
-            f"Expected a machine (URDF or machine.yaml) at {path}: {error.strerror}."
-        ) from error
+    start = read_bytes(path, "machine (URDF or machine.yaml)")[:4096]
     if start[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return True
     return start.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"<")

@@ -6,6 +6,7 @@ photogrammetry outside the machine, best-fitted to the CAD surfaces.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -150,7 +151,7 @@ def load_part(path: str | Path) -> Part:
         for number, entry in enumerate(entries, start=1)
     )
     ids = [target.id for target in targets]
-    twice = sorted({i for i in ids if ids.count(i) > 1})
+    twice = sorted(i for i, number in Counter(ids).items() if number > 1)[:10]
     if twice:
         raise InputError(
             f"{root.where}: expected each target id once, got"

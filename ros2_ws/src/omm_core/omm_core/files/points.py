@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -70,11 +71,11 @@ def load_points(path: Path) -> SurveyPoints:
     except KeyError as error:
         raise InputError(f"{path}: the key {error} is missing.") from None
     names = [point.name for point in points]
-    twice = sorted({name for name in names if names.count(name) > 1})
+    twice = sorted(name for name, number in Counter(names).items() if number > 1)[:10]
     if twice:
         raise InputError(f"{path}: expected each name once, got {', '.join(twice)} more than once.")
     ids = [point.id for point in points if point.id is not None]
-    again = sorted({i for i in ids if ids.count(i) > 1})
+    again = sorted(i for i, number in Counter(ids).items() if number > 1)[:10]
     if again:
         raise InputError(f"{path}: expected each coded target once, got {again} more than once.")
     told = root.get("full_covariance")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -98,7 +99,7 @@ def read_jacks(root: YamlSection) -> tuple[Jack, ...]:
         for number, entry in enumerate(entries, start=1)
     )
     names = [jack.name for jack in jacks]
-    if twice := sorted({name for name in names if names.count(name) > 1}):
+    if twice := sorted(name for name, number in Counter(names).items() if number > 1):
         raise InputError(
             f"{root.where}: expected each jack's name once, got {', '.join(twice)} more than once."
         )

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.errors import InputError
+from omm_core.files.outside import read_bytes
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm")
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
@@ -109,11 +110,11 @@ def read_photograph(path: Path) -> Photograph:
     )
 
 
+_LARGEST_BYTES = 1 << 30
+
+
 def _read(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    return read_bytes(path, "photograph", _LARGEST_BYTES)
 
 
 def _decoded(path: Path, data: bytes) -> Pixels:

@@ -10,6 +10,7 @@ import math
 import shutil
 import subprocess
 import xml.etree.ElementTree as ET
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,8 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.errors import InputError
+from omm_core.files.outside import read_bytes
 from omm_core.geometry import rotation_from_euler_xyz_rad
 
+_LARGEST_BYTES = 8 << 20
 MM_PER_M = 1000.0
 MOVABLE = {"prismatic": False, "revolute": True, "continuous": True}  # whether it turns, by type
 
@@ -68,13 +71,12 @@ class Robot:
 def load_urdf(path: Path) -> Robot:
     """Read a URDF file. Raises InputError, naming file and element, where it is not one."""
     try:
-        root = ET.parse(path).getroot()
+        root = ET.fromstring(read_bytes(path, "machine's URDF", _LARGEST_BYTES))
         if _is_xacro(root):
             root = ET.fromstring(expand_xacro(path))
         return parse_urdf(root)
-    except OSError as error:
-        raise InputError(f"Expected a machine's URDF at {path}: {error.strerror}.") from error
-    except ET.ParseError as error:
+    # The last two: an encoding that Python does not know.
+    except (ET.ParseError, ValueError, LookupError) as error:
         raise InputError(f"Expected XML in {path}, got an error: {error}.") from error
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
@@ -124,7 +126,7 @@ def _root(links: tuple[str, ...], joints: tuple[Joint, ...]) -> str:
         raise InputError(f"Expected every joint's links to be there, {missing} is not.")
     names = [joint.name for joint in joints]
     for kind, values in (("link", links), ("joint", names), ("child link", children)):
-        twice = sorted({v for v in values if list(values).count(v) > 1})
+        twice = sorted(value for value, number in Counter(values).items() if number > 1)
         if twice:
             raise InputError(f"Expected every {kind} once, got {', '.join(twice)} more than once.")
     roots = [link for link in links if link not in children]

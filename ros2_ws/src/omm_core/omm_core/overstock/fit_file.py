@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -170,7 +171,7 @@ def _nominal(root: YamlSection, folder: Path) -> dict[int, Array]:
 def _groups(root: YamlSection, least: float) -> tuple[FaceGroup, ...]:
     groups = tuple(_group(entry, least) for entry in _entries(root, "groups"))
     names = [group.name for group in groups]
-    twice = sorted({name for name in names if names.count(name) > 1})
+    twice = sorted(name for name, number in Counter(names).items() if number > 1)[:10]
     if twice:
         raise InputError(f"{root.where}: groups: expected each name once, got {twice} again.")
     return groups
