@@ -10,6 +10,10 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
         ("share/" + package_name, ["package.xml"]),
+        (
+            "share/" + package_name + "/layouts",
+            ["layouts/omm.rviz", "layouts/omm.foxglove.json"],
+        ),
     ],
     install_requires=["setuptools"],
     extras_require={"test": ["pytest"]},
@@ -22,6 +26,7 @@ setup(
         "console_scripts": [
             "measure_node = omm_operator.measuring:main",
             "operator_node = omm_operator.node:main",
+            "scene_node = omm_operator.scene_node:main",
         ],
     },
 )

@@ -12,6 +12,7 @@ NODES = {
     "cnc_bridge": "omm_cnc_bridge.parameters.Parameters",
     "estimator": "omm_estimator.parameters.Parameters",
     "operator": "omm_operator.parameters.Parameters",
+    "scene": "omm_operator.scene_node.Parameters",
     "recorder": "omm_recorder.parameters.Parameters",
     "replay": "omm_recorder.replay.ReplayParameters",
 }

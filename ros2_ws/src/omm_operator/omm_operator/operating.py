@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from typing import Any, Protocol
 
 from omm_core.alignment.controls import CONTROLS
@@ -21,6 +21,7 @@ from omm_operator.screen.screen import Screen
 from omm_report.language import Said, recognise, say
 
 TICK_S, SHOW_S = 0.1, 0.5
+OFFSET_PERIOD_S = 5.0  # somebody may change it at the control
 # What happens together is shown together.
 TOGETHER_S = 0.03
 _SUFFIXES = {"linuxcnc": "ngc", "siemens": "mpf", "heidenhain": "txt", "fanuc": "nc", "fagor": "nc"}
@@ -64,6 +65,7 @@ class Operation:
         self._report: bytes | None = None
         self._looking_on: Callable[[], None] = lambda: None
         self._shown, self._due = -1, False
+        self._offset_due_s = 0.0
         self._tasks: set[asyncio.Task[None]] = set()
         self._carriers = {
             "start_program": self._start_program,
@@ -96,6 +98,7 @@ class Operation:
 
     def _tick(self, since_s: float) -> None:
         self.screen.tick()
+        self._look_at_the_offset()
         since_s += TICK_S
         if since_s >= SHOW_S:
             self._show()
@@ -103,6 +106,25 @@ class Operation:
         else:
             self.show_soon()
         asyncio.get_running_loop().call_later(TICK_S, self._tick, since_s)
+
+    def _look_at_the_offset(self) -> None:
+        """Keep up with the control's offset, so that what would change stands there beforehand."""
+        now_s = asyncio.get_running_loop().time()
+        if self.screen.refusals()["read_offset"] is not None:
+            self.screen.kept.offset = None
+        elif now_s >= self._offset_due_s:
+            self._offset_due_s = now_s + OFFSET_PERIOD_S
+            self._in_the_background(self._reading_the_offset())
+
+    async def _reading_the_offset(self) -> None:
+        told = pages.hand_words(self.screen.kept, self.screen.options)
+        with contextlib.suppress(Refused):  # a control may tell it only of the active offset
+            self.screen.kept.offset = await self._actions.work_offset(told.offset, None)
+
+    def _in_the_background(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.ensure_future(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
 
     def _show(self) -> None:
         self._due, self._shown = False, self.screen.changes
@@ -207,9 +229,7 @@ class Operation:
         """Begin a report; it is ready when the state says so."""
         report = self.screen.kept.report
         self.screen.kept.report = {"state": "under_way", "number": report["number"]}
-        task = asyncio.ensure_future(self._reporting(report["number"] + 1))
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        self._in_the_background(self._reporting(report["number"] + 1))
         return say("done.make_report")
 
     async def _reporting(self, number: int) -> None:

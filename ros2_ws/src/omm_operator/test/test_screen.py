@@ -283,6 +283,15 @@ def test_jacks_have_the_signs_of_the_facts(times: Times) -> None:
     assert [c.correction_mm for c in found["tilt"]] == pytest.approx([0.0] * 4, abs=1e-12)
 
 
+def test_the_uncertainty_of_a_jack_is_of_the_same_kind_as_the_results(times: Times) -> None:
+    """One jack above another decides α alone; U of the result is larger than two sigma."""
+    wide = estimate(times, expanded_uncertainty=np.array([6e-6] * 3 + [6e-3] * 3 + [6e-6]))
+    found = corrections_in_all_modes(wide, part(), JACKS, np.array([0.0, 0.0, 1.0]))
+    # tilt only: c = -(α y - β x), with U(α) = U(β) = 6 µrad
+    expected = [6e-6 * np.hypot(*jack.xyz_mm[:2]) for jack in JACKS]
+    assert [c.expanded_uncertainty_mm for c in found["tilt"]] == pytest.approx(expected)
+
+
 def test_the_history_holds_before_and_after_of_each_clamping(screen: Screen, times: Times) -> None:
     screen.take_part_or_why(part())
     all_well(screen, times)

@@ -34,14 +34,15 @@ function show() {
       h("nav", { "aria-label": t("page.steps") }, Object.keys(STEPS).map((name, at) => h("button",
         { type: "button", id: `step-${name}`, "aria-current": step === name ? "step" : null, onclick: () => go(name) },
         h("span", { class: "count" }, at + 1), ` ${t(`step.${name}`)}`)))),
-    h("div", { id: "alarm", class: wrong ? "alarm" : "quiet", role: "alert" }, wrong),
+    h("div", { class: wrong ? "line alarm" : "line" },
+      h("p", { id: "alarm", role: "alert" }, wrong),
+      h("p", { id: "answer", class: answer.accepted ? "good" : "bad", "aria-live": "polite" }, answer.said ? tell(answer.said) : "")),
     h("main", { key: step, id: step, class: link.lost ? "stale" : "", tabindex: -1 },
       h("h1", { class: "hidden" }, t(step === "troubles" ? "trouble.title" : `step.${step}`, { n: state.troubles.open.length })), view(state, show)),
     h("footer", {},
       h("button", { type: "button", id: "step-troubles", class: state.troubles.open.length ? "bad" : "", "aria-current": step === "troubles" ? "page" : null, onclick: () => go("troubles") },
         t("trouble.button", { n: state.troubles.open.length })),
       stations(state),
-      h("p", { id: "answer", class: answer.accepted ? "good" : "bad", "aria-live": "polite" }, answer.said ? tell(answer.said) : ""),
       h("label", {}, h("span", { class: "hidden" }, t("page.language")),
         h("select", { id: "language", onchange: (event) => speak(event.target.value) }, Object.entries(LANGUAGES).map(([name, label]) =>
           h("option", { value: name, lang: name, selected: name === language }, label)))))]);

@@ -31,15 +31,15 @@ function headline(r, silent) {
 function values(r, silent) {
   return h("table", { class: `values${silent ? " stale" : ""}`, id: "values" },
     h("caption", {}, t("result.caption", { age: age(r.age_s), clamping: r.clamping + 1 })),
-    h("thead", {}, h("tr", {}, ["result.quantity", "result.value", "result.uncertainty", "result.unit", "result.tolerance", "result.decision"]
+    h("thead", {}, h("tr", {}, ["result.quantity", "result.value", "result.uncertainty", "result.tolerance"]
       .map((key) => h("th", { scope: "col" }, t(key))))),
     h("tbody", {}, r.rows.map((row) => h("tr", { id: `row-${row.key}` },
       h("th", { scope: "row" }, row.symbol),
       h("td", { class: "figure" }, fixed(row.value, DIGITS)),
-      h("td", { class: "u" }, `± ${fixed(row.U, DIGITS)}`),
-      h("td", {}, row.unit),
-      h("td", {}, row.state === null ? "" : [`${fixed(row.nominal, DIGITS)} ± ${fixed(row.tolerance, DIGITS)}`, bar(row)]),
-      h("td", {}, row.state === null ? "" : [stateMark(row.state), row.well || row.state === "inside" ? null : h("small", {}, t("result.measure_better"))])))));
+      h("td", { class: "u" }, `± ${fixed(row.U, DIGITS)} ${row.unit}`),
+      h("td", { class: "decided" }, row.state === null ? "" : [
+        h("span", {}, `${fixed(row.nominal, DIGITS)} ± ${fixed(row.tolerance, DIGITS)}`), " ", stateMark(row.state),
+        row.well || row.state === "inside" ? null : h("small", {}, ` ${t("result.measure_better")}`), bar(row)])))));
 }
 
 function shares(r) {

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_core.alignment.jacks import MODES, Correction, jack_corrections
+from omm_core.alignment.jacks import COVERAGE, MODES, Correction, jack_corrections
 from omm_core.errors import InputError
 from omm_core.files.part import Part
 from omm_core.files.wishes import Jack
@@ -54,8 +54,18 @@ def deviation(estimate: EstimateFact, part: Part | None) -> Deviation:
     mapping[3:, 3:6] = np.diag([0.0 if w is None else 1.0 for w in wanted[3:]])
     return Deviation(
         values=np.array([*_rotation_vector(turned), *moved]),
-        covariance=np.asarray(mapping @ estimate.covariance @ mapping.T),
+        covariance=np.asarray(mapping @ _half_of_U(estimate) @ mapping.T),
     )
+
+
+def _half_of_U(estimate: EstimateFact) -> Array:
+    """Return the covariance with standard deviations of U / 2: twice of what follows is U again."""
+    covariance = np.asarray(estimate.covariance, dtype=float)
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    U = np.asarray(estimate.expanded_uncertainty, dtype=float)
+    known = (sigma > 0.0) & np.isfinite(U)
+    factor = np.where(known, U / np.where(known, COVERAGE * sigma, 1.0), 1.0)
+    return covariance * np.outer(factor, factor)
 
 
 def corrections_in_all_modes(

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from omm_operator.screen.screen import Kept
     from omm_operator.screen.troubles import Troubles
 
+NOT_YET = "said.nothing_solved"
 number = result.number
 
 
@@ -240,8 +241,11 @@ def _picture(
 def _residual(residual: Any) -> dict[str, Any]:
     if residual is None:
         return {"used": None, "residual": None, "why": None}
+    said = recognise(residual.reason)
+    if said.key == NOT_YET:  # nothing is wrong with it
+        return {"used": None, "residual": None, "why": None}
     return {
         "used": residual.used,
         "residual": [number(value) for value in residual.residual_px],
-        "why": recognise(residual.reason).to_json_dict() if residual.reason else None,
+        "why": said.to_json_dict() if residual.reason else None,
     }

@@ -1,0 +1,99 @@
+"""The node ``scene``: markers, robot_description and joint_states for RViz and Foxglove."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from omm_interfaces.msg import PartEstimate, SpindleState
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from visualization_msgs.msg import MarkerArray  # type: ignore[import-untyped]
+
+from omm_core.errors import InputError
+from omm_core.files.machine import load_machine
+from omm_core.files.part import load_part
+from omm_core.imaging.calibration import load_calibration
+from omm_operator.conversions import estimate_fact
+from omm_operator.scene import camera_view, part_markers
+from omm_ros import qos, topics
+from omm_ros.node_main import run_node
+from omm_ros.parameters import declare, parameter
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameters:
+    """See docs/operator.md."""
+
+    part_file: str = parameter("", "Part file: box and targets.")
+    calibration_file: str = parameter("", "Calibration file: the camera's view.")
+    machine_file: str = parameter(
+        "", "URDF or machine.yaml, for robot_description; empty: none is published."
+    )
+    enlargement: float = parameter(
+        1000.0, "How many times ellipsoids of uncertainty are enlarged.", minimum=1.0
+    )
+    view_depth_m: float = parameter(0.3, "How far the camera's view is drawn.", minimum=0.01)
+    part_frame: str = parameter("part", "Frame of the part.")
+    machine_frame: str = parameter("machine", "Frame of the machine.")
+    camera_frame: str = parameter("camera_optical", "Frame of the camera.")
+
+
+class SceneNode(Node):
+    """Shows engineers what was measured.
+
+    Raises
+    ------
+    InputError
+        Where a file cannot be used.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("scene")
+        self._p = p = declare(self, Parameters)
+        if not p.part_file:
+            raise InputError("Expected the parameter part_file, got none.")
+        self._part = load_part(p.part_file)
+        self._markers = self.create_publisher(MarkerArray, topics.MARKERS, qos.LATCHED)
+        self._joints = self.create_publisher(JointState, topics.JOINT_STATES, qos.STATE)
+        if p.calibration_file:
+            view = camera_view(
+                load_calibration(p.calibration_file), p.camera_frame, p.view_depth_m * 1e3
+            )
+            self._view = self.create_publisher(MarkerArray, topics.CAMERA_VIEW, qos.LATCHED)
+            self._view.publish(view)
+        if p.machine_file:
+            self._description = self.create_publisher(String, topics.ROBOT_DESCRIPTION, qos.LATCHED)
+            self._description.publish(String(data=_urdf(Path(p.machine_file))))
+        self.create_subscription(PartEstimate, topics.ESTIMATE, self._on_estimate, qos.LATCHED)
+        self.create_subscription(SpindleState, topics.SPINDLE_STATE, self._on_state, qos.STATE)
+
+    def _on_estimate(self, message: PartEstimate) -> None:
+        self._markers.publish(
+            part_markers(
+                estimate_fact(message),
+                self._part,
+                part_frame=self._p.part_frame,
+                machine_frame=self._p.machine_frame,
+                enlargement=self._p.enlargement,
+            )
+        )
+
+    def _on_state(self, message: SpindleState) -> None:
+        joints = JointState(name=list(message.axis_names), position=list(message.axis_positions))
+        joints.header = message.header
+        self._joints.publish(joints)
+
+
+def _urdf(machine_file: Path) -> str:
+    path = load_machine(machine_file).urdf
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"Expected a URDF at {path}: {error}.") from error
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return run_node(SceneNode, args, parameters=Parameters, threads=1)
