@@ -136,3 +136,29 @@ def test_derivatives_are_those_of_the_projection() -> None:
         ]
         slope = (ends[0] - ends[1]) / 2e-5
         assert derivatives["lens"][:, :, k] == pytest.approx(slope, rel=1e-4, abs=1e-3)
+
+
+def test_bars_that_contradict_each_other_are_refused_and_one_of_three_is_left_out() -> None:
+    points, sightings = photographs(np.random.default_rng(13))
+    wrong = replace(bars_of(points)[0], length_mm=bars_of(points)[0].length_mm + 0.5)
+    with pytest.raises(MeasurementError, match="disagree"):
+        solve_network(sightings, [wrong, bars_of(points)[1]], 3010.0, SIZE)
+    third = Bar(ends=(5, 9), length_mm=float(np.linalg.norm(points[5] - points[9])), sigma_mm=0.002)
+    network = solve_network(sightings, [wrong, bars_of(points)[1], third], 3010.0, SIZE)
+    assert [bar.ends for bar in network.bars] == [(2, 3), (5, 9)]
+    assert "0-1" in network.words[0]
+
+
+def test_a_focal_length_told_wrong_by_half_is_found() -> None:
+    points, sightings = photographs(np.random.default_rng(14))
+    network = solve_network(sightings, bars_of(points), 1.5 * 3010.0, SIZE)
+    assert network.lens[0] == pytest.approx(3010.0, abs=2.0)
+
+
+def test_photographs_that_have_nothing_in_common_end_in_words() -> None:
+    points, sightings = photographs(np.random.default_rng(15))
+    lonely = [s for s in sightings if s.photo < 3 and s.point % 3 == s.photo]
+    with pytest.raises(MeasurementError):
+        solve_network(lonely, bars_of(points), 3010.0, SIZE)
+    with pytest.raises(MeasurementError, match="none was read"):
+        solve_network([], bars_of(points), 3010.0, SIZE)

@@ -41,6 +41,9 @@ def survey_document(result: dict[str, Any], source: str) -> bytes:
     )
     document.heading("Lengths")
     document.table(_bar_rows(result))
+    if result.get("acceptance"):
+        document.heading("Acceptance by lengths (VDI/VDE 2634-1)")
+        document.figure(acceptance_figure(result["acceptance"]), width_mm=140.0)
     if result.get("observations"):
         document.heading("Residuals")
         document.figure(residual_figure(result), caption="Measured minus computed, enlarged.")
@@ -146,6 +149,26 @@ def per_photo_figure(result: dict[str, Any]) -> Figure:
         axes.text(i, rms[i], str(len(squares[name])), ha="center", va="bottom", fontsize=5)
     axes.set_xticks(range(len(names)), [n.rsplit(".", 1)[0][-8:] for n in names], rotation=90)
     axes.tick_params(labelsize=5)
+    return figure
+
+
+def acceptance_figure(acceptance: dict[str, Any]) -> Figure:
+    """Return length errors over calibrated lengths, with their limit."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6, 2.8), layout="constrained")
+    axes = figure.subplots()
+    length = np.array([entry["length_mm"] for entry in acceptance["lengths"]])
+    error = np.array([entry["error_mm"] for entry in acceptance["lengths"]])
+    sigma = np.array([entry["sigma_mm"] for entry in acceptance["lengths"]])
+    axes.errorbar(length, error, yerr=2 * sigma, fmt="o", markersize=3, color=_CODED, capsize=2)
+    along = np.array([0.0, 1.05 * length.max()])
+    limit = acceptance["LME"]["constant_mm"] + acceptance["LME"]["per_metre_mm"] * along / 1e3
+    for sign in (-1.0, 1.0):
+        axes.plot(along, sign * limit, color="#a33")
+    axes.set_xlabel("calibrated length, mm", fontsize=8)
+    axes.set_ylabel("measured minus calibrated, mm", fontsize=8)
+    axes.tick_params(labelsize=7)
     return figure
 
 

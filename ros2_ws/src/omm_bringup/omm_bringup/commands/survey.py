@@ -15,6 +15,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", metavar="OUT", type=Path, help="write the result as JSON")
     parser.add_argument("--report", metavar="PDF", type=Path, help="write a document")
     parser.add_argument(
+        "--lengths", metavar="CSV", type=Path,
+        help="calibrated lengths to accept the survey by: first,second,length_mm",
+    )  # fmt: skip
+    parser.add_argument(
+        "--limit", metavar=("MM", "MM_PER_M"), type=float, nargs=2, default=(0.05, 0.02),
+        help="limit of a length's error: constant and per metre (0.05 0.02)",
+    )  # fmt: skip
+    parser.add_argument(
         "--scene", metavar="HTML", type=Path, help="write the network as a scene for the browser"
     )
 
@@ -25,6 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
     from omm_core.files.aicon import is_aicon
     from omm_core.files.output import write_whole
     from omm_report.survey_text import survey_text
+    from omm_runs.survey_acceptance import add_acceptance
     from omm_runs.survey_result import write_points
     from omm_runs.surveying import survey
     from omm_runs.surveying_measured import survey_measured
@@ -37,6 +46,9 @@ def run(arguments: argparse.Namespace) -> int:
         )
     found = None if measured else survey(arguments.set)
     result = survey_measured(arguments.set) if found is None else found.json
+    passed = True
+    if arguments.lengths is not None and found is not None:
+        passed = add_acceptance(found, arguments.lengths, tuple(arguments.limit))
     if arguments.json is not None:
         write_whole(arguments.json, json.dumps(result, indent=1, allow_nan=False) + "\n")
     if arguments.out is not None and found is not None:
@@ -50,4 +62,4 @@ def run(arguments: argparse.Namespace) -> int:
 
         write_whole(arguments.scene, survey_scene(result, f"Survey {arguments.set.name}"))
     print(survey_text(result))
-    return 0 if result["converged"] else 1
+    return 0 if result["converged"] and passed else 1

@@ -197,7 +197,7 @@ def _bar(bar: YamlSection) -> DeclaredBar:
 
 def whole_number(value: Any, where: str) -> int:
     """Return a target's number; it must be whole and above 0."""
-    if float(value) != int(value) or value < 1:
+    if not 1 <= value <= 1e9 or float(value) != int(value):
         raise InputError(f"{where}: expected numbers of coded targets (1, 2, ...), got {value:g}.")
     return int(value)
 

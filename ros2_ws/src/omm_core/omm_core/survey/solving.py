@@ -19,6 +19,7 @@ from omm_core.survey.network import (
     stages_for,
     state_of,
 )
+from omm_core.survey.recovering import recovered
 from omm_core.survey.sighting import CODED, PLAIN, Bar, Sighting, sighting_of_dot
 from omm_core.survey.start import Rays, intersect_points, resect_photos, start_network
 from omm_core.survey.weeding import Misfits, misfits_of, zoomed_photos
@@ -77,6 +78,7 @@ def solve_network(
         every = sightings
         if dots:
             network, every = _with_dots(network, sightings, bars, dots, declared)
+            network, every = _with_more_photos(network, every, bars, dots, declared, zoomed)
         network = _weeded(network, every, bars, declared, Misfits(photos=zoomed))
     except np.linalg.LinAlgError:
         raise MeasurementError(_LOOSE) from None
@@ -236,16 +238,41 @@ def _with_dots(
     photos = [placed(n, network.pose(n), left.get(n, ())) for n in network.photos]
     matches = match_dots(photos, network.lens, network.middle_px, box, declared.get(PLAIN))
     state = state_of(network, declared)
-    points = dict(state.points)
+    # Numbers of plain points are given anew.
+    points = {n: xyz for n, xyz in state.points.items() if n > 0}
+    circles = {n: circle for n, circle in state.circles.items() if n > 0}
     every = [*sightings, *claimed]
     for number, match in enumerate(matches, start=1):
         points[-number] = match.xyz_mm
         every += [
             sighting_of_dot(photo, -number, left[photo][dot]) for photo, dot in match.dots.items()
         ]
-    state = replace(state, points=points)
+    state = replace(state, points=points, circles=circles)
     stages = stages_for(len(state.photos))[-1:]
     return adjusted(state, every, bars, network.middle_px, stages), every
+
+
+def _with_more_photos(
+    network: Network,
+    sightings: list[Sighting],
+    bars: list[Bar],
+    dots: Dots,
+    declared: dict[str, float],
+    without: dict[int, str],
+) -> tuple[Network, list[Sighting]]:
+    """Return the network with photographs that plain targets help to place."""
+    left = {n: found for n, found in dots.items() if n not in without}
+    poses, more = recovered(network, sightings, left)
+    if not poses:
+        return network, sightings
+    state = state_of(network, declared)
+    state = replace(state, photos={**state.photos, **poses})
+    every = [*sightings, *more]
+    stages = stages_for(len(state.photos))[-1:]
+    network = adjusted(state, every, bars, network.middle_px, stages)
+    # What only they and two others see can be matched now.
+    base = [s for s in sightings if s.point > 0]
+    return _with_dots(network, base, bars, left, declared)
 
 
 def _box(network: Network) -> Array:

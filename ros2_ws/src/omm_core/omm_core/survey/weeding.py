@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 _MOVED_SIGMAS = 5.0
 _ZOOM_SIGMAS = 8.0
 _ZOOM_LEAST = 1e-4  # of the focal length
+_MOST = 0.6  # of the rejected rays
+_AGREES_PX = 0.05
 _ZOOM_OF_ONE = 0.005
 _ZOOM_APART = 4.0  # distance of two groups by the scatter within them
 _BAD_SHARE = 0.4  # of a photograph's rays
@@ -83,18 +85,33 @@ def _moved(network: Network) -> dict[int, str]:
     for point, rays in out.items():
         if len(rays) < 2:
             continue
-        place = _meeting(network, rays)
-        if place is not None:
+        meeting = _meeting(network, rays)
+        if meeting is not None:
+            place, count = meeting
             by = float(np.linalg.norm(place - network.xyz_mm(point)))
             moved[point] = (
-                f"{len(rays)} photographs show it {by:.2f} mm from where the other"
+                f"{count} photographs show it {by:.2f} mm from where the other"
                 f" {network.rays_of(point)} do: it moved, or its number stands on two targets"
             )
     return moved
 
 
-def _meeting(network: Network, rays: list[int]) -> Array | None:
-    """Return where rays meet, or None where they do not."""
+def _meeting(network: Network, rays: list[int]) -> tuple[Array, int] | None:
+    """Return where most of the rays meet and how many, or None where they do not."""
+    left = list(rays)
+    while len(left) >= max(2, _MOST * len(rays)):
+        found = _intersection(network, left)
+        if found is None:
+            return None
+        place, misfits = found
+        if misfits.max() < 1.0:
+            return place, len(left)
+        del left[int(np.argmax(misfits))]
+    return None
+
+
+def _intersection(network: Network, rays: list[int]) -> tuple[Array, Array] | None:
+    """Return where rays come closest, and their misfits there: below 1 they fit."""
     seen = np.array([network.sightings[i].center_px for i in rays])
     poses = np.array([network.pose(network.sightings[i].photo) for i in rays])
     ideal = undistorted(network.lens, seen - network.middle_px)
@@ -113,9 +130,8 @@ def _meeting(network: Network, rays: list[int]) -> Array | None:
     detector = np.array([network.sightings[i].covariance_px2 for i in rays])
     covariance = network.noise.covariance(detector, network.kinds[rays])
     t2 = np.einsum("mi,mij,mj->m", off, np.linalg.inv(covariance), off)
-    # Excentricity is not taken off here: a few hundredths of a pixel are no contradiction.
-    fits = (t2 < _MOVED_SIGMAS**2) | (np.linalg.norm(off, axis=1) < 0.05)
-    return place if fits.all() else None
+    # Perspective is not taken off here: a few hundredths of a pixel are no contradiction.
+    return place, np.minimum(t2 / _MOVED_SIGMAS**2, np.linalg.norm(off, axis=1) / _AGREES_PX)
 
 
 def zoomed_photos(network: Network) -> dict[int, str]:

@@ -1,0 +1,66 @@
+"""A survey's document and scene hold what the result says, on any day the same."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from omm_report.survey_report import survey_document
+from omm_report.survey_scene import survey_scene
+from omm_report.survey_text import survey_text
+
+
+def result() -> dict:
+    rng = np.random.default_rng(1)
+    points = [
+        {
+            "name": str(i) if i % 2 else f"P{i}", "coded": bool(i % 2), "id": i,
+            "xyz_mm": rng.uniform(0, 500, 3).tolist(),
+            "covariance_mm2": np.diag([1e-4, 4e-4, 9e-4]).tolist(), "images": 3 + i,
+        }
+        for i in range(1, 9)
+    ]  # fmt: skip
+    photo = {"used": True, "reason": None, "euler_xyz_rad": [0.1, 3.0, 0.0]}
+    photos = [{"file": f"a{i}.jpg", "position_mm": [0.0, 0.0, 900.0 + i], **photo} for i in (1, 2)]
+    photos.append(
+        {"file": "b.jpg", "used": False, "reason": "<blurred>", "position_mm": None,
+         "euler_xyz_rad": None}
+    )  # fmt: skip
+    bar = {"ends": [1, 3], "length_mm": 100.0, "measured_mm": 100.002, "sigma_mm": 0.004}
+    length = {"ends": [1, 5], "length_mm": 300.0, "error_mm": 0.01, "sigma_mm": 0.004}
+    return {
+        "converged": True, "sigma0": 1.1, "rms_px": 0.012, "degrees_of_freedom": 40,
+        "camera": {"parameters": ["f"], "values": [3000.0], "covariance": [[0.01]]},
+        "points": points, "photos": photos, "scale_bars": [bar], "check_bars": [],
+        "findings": ["Only one scale bar."],
+        "observations": [
+            {"file": "a1.jpg", "name": "1", "col_px": 10.0 * i, "row_px": 5.0 * i,
+             "residual_px": [0.01, -0.02], "used": True}
+            for i in range(1, 5)
+        ],
+        "acceptance": {"LME": {"constant_mm": 0.05, "per_metre_mm": 0.02}, "lengths": [length]},
+    }  # fmt: skip
+
+
+def test_the_document_is_the_same_on_any_day_and_carries_the_result():
+    one, two = survey_document(result(), "set"), survey_document(result(), "set")
+    assert one == two
+    assert one.startswith(b"%PDF")
+    assert b"survey.json" in one
+
+
+def test_the_scene_holds_every_point_and_every_photograph_that_was_placed():
+    page = survey_scene(result(), "Survey <x>")
+    data = json.loads(re.search(r"const data = (\{.*\});", page)[1])
+    assert len(data["points"]) == 8
+    assert len(data["photos"]) == 2
+    assert "<x>" not in page
+    lengths = [np.linalg.norm(axis) for axis in data["points"][0]["axes"]]
+    assert max(lengths) / min(lengths) == pytest.approx(3.0)
+
+
+def test_the_text_tells_bars_and_findings():
+    text = survey_text(result())
+    assert "scale bar 1-3: 100.0020 mm, +0.0020" in text
+    assert text.endswith("Only one scale bar.")

@@ -1,0 +1,81 @@
+"""Acceptance of a survey by calibrated lengths from a CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from omm_core.errors import InputError
+from omm_core.files.outside import read_text
+from omm_core.files.survey import whole_number
+from omm_core.survey.acceptance import CalibratedLength, accept, as_json
+from omm_runs.survey_result import SurveyResult
+
+CONSTANT_MM, PER_METRE_MM = 0.05, 0.02  # the paper's
+_COLUMNS = ("first", "second", "length_mm")
+
+
+def add_acceptance(
+    found: SurveyResult, lengths: Path, limit: tuple[float, float] = (CONSTANT_MM, PER_METRE_MM)
+) -> bool:
+    """Add the key ``acceptance`` to a survey's JSON, and its words to the findings; True if passed.
+
+    Raises
+    ------
+    InputError, MeasurementError
+    """
+    xyz = found.delivered.xyz_mm
+    result = accept(
+        read_lengths(lengths), _measuring(found), float(np.linalg.norm(np.ptp(xyz, axis=0))), *limit
+    )
+    found.json["acceptance"] = as_json(result)
+    worst = result.largest
+    verdict = "keep to" if result.passed else "do NOT keep to"
+    found.json["findings"] += [
+        f"The {len(result.lengths)} lengths {verdict} {limit[0]:g} mm + {limit[1]:g} mm/m: largest"
+        f" error {worst.error_mm:+.4f} mm at {worst.ends[0]}-{worst.ends[1]}"
+        f" (limit {worst.limit_mm:.4f}).",
+        *result.words,
+    ]
+    return result.passed
+
+
+def _measuring(found: SurveyResult) -> Any:
+    def measure(ends: tuple[int, int]) -> tuple[float, float] | None:
+        if not all(end in found.delivered.numbers for end in ends):
+            return None
+        return found.network.length(ends)
+
+    return measure
+
+
+def read_lengths(path: Path) -> list[CalibratedLength]:
+    """Read a CSV with the columns first, second (numbers of coded targets), length_mm.
+
+    Raises
+    ------
+    InputError
+        Where it is missing or malformed.
+    """
+    rows = csv.DictReader(io.StringIO(read_text(path, "file of lengths")))
+    if rows.fieldnames is None or not set(_COLUMNS) <= {name.strip() for name in rows.fieldnames}:
+        wanted = ",".join(_COLUMNS)
+        raise InputError(f"{path}: expected the columns {wanted}, got {rows.fieldnames}.")
+    found = []
+    for number, row in enumerate(rows, start=2):
+        try:
+            first, second, length = (float(row[name]) for name in _COLUMNS)
+        except (TypeError, ValueError):
+            raise InputError(f"{path}: row {number}: expected three numbers, got {row}.") from None
+        if not (np.isfinite(length) and length > 0.0):
+            raise InputError(f"{path}: row {number}: expected a length above 0, got {length}.")
+        where = f"{path}: row {number}"
+        ends = (whole_number(first, where), whole_number(second, where))
+        found.append(CalibratedLength(ends=ends, length_mm=length))
+    if not found:
+        raise InputError(f"{path}: expected lengths, got no row.")
+    return found
