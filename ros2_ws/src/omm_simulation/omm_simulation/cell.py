@@ -16,8 +16,8 @@ from omm_core.files.part import Part
 from omm_core.geometry import RigidTransform
 from omm_core.imaging.calibration import CameraCalibration
 from omm_core.machine_errors import own_pose
-from omm_core.part_pose import THETA_NAMES
 from omm_core.planning.pattern import Stop, paired_stops
+from omm_core.session.quantities import THETA
 from omm_simulation.machine_errors import (
     DrawnErrors,
     draw_errors,
@@ -103,7 +103,7 @@ class Cell:
         values = (
             *machine_T_part.euler_xyz_rad(), *machine_T_part.translation_mm, self.gamma_s_rad
         )  # fmt: skip
-        return {name: float(value) for name, value in zip(THETA_NAMES, values)}
+        return {quantity.key: float(value) for quantity, value in zip(THETA, values)}
 
     def truth(self) -> dict[str, Any]:
         """What truth.json says: the poses, and everything that is not as it seems."""
