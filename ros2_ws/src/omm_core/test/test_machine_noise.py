@@ -199,3 +199,33 @@ def test_what_is_declared_fixes_the_grid_and_what_is_set_stays():
 def test_a_bad_number_is_refused(bad):
     with pytest.raises(InputError, match=next(iter(bad))):
         SolveOptions(**bad)
+
+
+def repeated(seen, times):
+    """Return each observation so many times in a row, taken without moving in between."""
+    return [
+        replace(o, stamp_ns=o.stamp_ns + 1000 * k, center_px=o.center_px + 1e-3 * k)
+        for o in seen
+        for k in range(times)
+    ]
+
+
+def test_images_from_one_place_do_not_average_the_stop_out(cell):
+    options = SolveOptions(stop_sigma_mm=0.006, geometry_sigma_mm=0.0)
+    seen, _ = erring(cell, np.random.default_rng(8), 0.006)
+    once = solve(seen, cell.part, cell.calibration, options)
+    often = solve(repeated(seen, 5), cell.part, cell.calibration, options)
+    ratio = often.expanded_uncertainty / once.expanded_uncertainty
+    assert np.all((ratio > 0.95) & (ratio < 1.01))
+
+
+def test_of_very_many_centres_evenly_spread_ones_are_used_and_all_are_accounted_for(cell):
+    seen, _ = erring(cell, np.random.default_rng(8), 0.006)
+    many = repeated(seen, 40)
+    solution = solve(many, cell.part, cell.calibration)
+    assert solution.determined
+    assert len(solution.used) == len(solution.reasons) == 320
+    assert solution.used.sum() == 200
+    left = [r for r, used in zip(solution.reasons, solution.used) if not used]
+    assert all("evenly spread" in reason for reason in left)
+    assert solution.findings == ()

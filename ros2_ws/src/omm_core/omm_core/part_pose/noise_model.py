@@ -55,8 +55,8 @@ class NoiseModel:
         split @ y.
     image, targets, calibration : (n, n) arrays
         Covariances of (u, z); ``image`` of the detector as it says.
-    stop_of : (I,) array
-        Which stop an image was taken at.
+    stop_of : (N,) array
+        Which stop an observation was made at.
     places_mm : (S, 3) array
         Where the spindle was to stand at each stop.
     stops : (n, 3S) array
@@ -123,7 +123,7 @@ def noise_model(problem: Problem, adjustment: Adjustment, options: SolveOptions)
     stop_of, places_mm = find_stops(problem)
     count = len(places_mm)
     stops = np.zeros((len(problem), 2, count, 3))
-    stops[np.arange(len(problem)), :, stop_of[problem.image_of]] = -by_point
+    stops[np.arange(len(problem)), :, stop_of] = -by_point
     u_z = split @ y
     image = split @ split.T
     return NoiseModel(
@@ -145,14 +145,16 @@ def noise_model(problem: Problem, adjustment: Adjustment, options: SolveOptions)
 
 
 def find_stops(problem: Problem) -> tuple[Indices, Array]:
-    """Return which stop each image was taken at (I,), and where these are (S, 3) mm.
+    """Return at which stop each observation was made (N,), and where the stops are (S, 3) mm.
 
     In the order of the stamps: a place that was left and come back to is another stop.
     """
     moved = np.linalg.norm(np.diff(problem.d_cnc, axis=0), axis=1) > _SAME_PLACE_MM
     turned = np.abs(np.diff(problem.R_cnc, axis=0)).max(axis=(1, 2), initial=0.0)
     new = np.concatenate([[True], moved | (turned > _SAME_PLACE_RAD)])
-    return np.cumsum(new) - 1, problem.d_cnc[new]
+    of_images = np.cumsum(new) - 1
+    used, stop_of = np.unique(of_images[problem.image_of], return_inverse=True)
+    return stop_of.ravel(), problem.d_cnc[new][used]
 
 
 def rigid_part(problem: Problem, adjustment: Adjustment, stop_of: Indices) -> Array:
@@ -161,9 +163,9 @@ def rigid_part(problem: Problem, adjustment: Adjustment, stop_of: Indices) -> Ar
     The error of a target is the mean over the stops that saw it; γ_s has no part in it.
     """
     seen = np.unique(problem.target_of)
-    count = int(stop_of[-1]) + 1
+    count = int(stop_of.max()) + 1
     mean = np.zeros((len(seen), count))
-    mean[np.searchsorted(seen, problem.target_of), stop_of[problem.image_of]] = 1.0
+    mean[np.searchsorted(seen, problem.target_of), stop_of] = 1.0
     mean /= mean.sum(axis=1, keepdims=True)
     arm = problem.points[seen, 0] @ adjustment.rotation.T
     size = max(float(np.sqrt(np.mean(arm**2))), 1e-9)

@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 
 _MIRRORED_PX = 2.0  # residuals below which mirrored images fit
 _ENOUGH_TO_JUDGE = 3  # degrees of freedom from which residuals tell more than that all is wrong
+_ENOUGH = 200  # centres; evenly spread ones are taken where there are more
+_MANY = "not needed: {} centres are used, evenly spread over the images of each target"
 _DOUBTED = 0.001  # error probability of the test of a declared machine
 
 
@@ -136,9 +138,48 @@ def solve(
     """
     options = options or SolveOptions()
     problem = build_problem(observations, part, calibration, options.circle_centre)
-    found = search_blunders(problem, options)
-    found = _refuse_contradiction(problem, found, options)
-    return _solution(problem, _judge_determined(found, options), options)
+    many = _more_than_needed(problem)
+    few = problem.without(many) if many.any() else problem
+    found = search_blunders(few, options)
+    found = _refuse_contradiction(few, found, options)
+    found = _judge_determined(found, options)
+    return _solution(problem, _of_all(found, many) if many.any() else found, options)
+
+
+def _more_than_needed(problem: Problem) -> NDArray[np.bool_]:
+    """Return which centres are left out because there are so many, (N,).
+
+    Every machine of the grid costs the cube of their number, and the stops' noise is averaged out
+    long before: of each target so many stay, evenly spread over its images.
+    """
+    many = np.zeros(len(problem), dtype=bool)
+    if len(problem) <= _ENOUGH:
+        return many
+    seen, counts = np.unique(problem.target_of, return_counts=True)
+    most = _share_out(counts, _ENOUGH)
+    for target, count in zip(seen, counts):
+        index = np.flatnonzero(problem.target_of == target)
+        kept = np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int))
+        many[np.delete(index, kept)] = True
+    return many
+
+
+def _share_out(counts: NDArray[np.int64], enough: int) -> int:
+    """Return how many of each may stay so that all together are about enough."""
+    most = 1
+    while np.minimum(counts, most + 1).sum() <= enough:
+        most += 1
+    return most
+
+
+def _of_all(found: Found, many: NDArray[np.bool_]) -> Found:
+    """Return what was found with some of the centres as said of all, (N,)."""
+    place = np.flatnonzero(~many)
+    dropped = many.copy()
+    dropped[place] = found.dropped
+    reasons = {int(i): _MANY.format(len(place)) for i in np.flatnonzero(many)}
+    reasons |= {int(place[index]): words for index, words in found.reasons.items()}
+    return replace(found, dropped=dropped, reasons=reasons)
 
 
 def _refuse_contradiction(problem: Problem, found: Found, options: SolveOptions) -> Found:
