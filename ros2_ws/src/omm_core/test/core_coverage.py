@@ -90,6 +90,20 @@ def all_cells() -> tuple[CoverageCell, ...]:
     return (*grid, *worse, *declared)
 
 
+def any_cell(seed: int) -> CoverageCell:
+    """Return a machine out of all that must be solved: nobody tuned anything to it."""
+    random = np.random.default_rng([seed, 99])
+    return CoverageCell(
+        stop_um=float(random.uniform(0.0, 20.0)),
+        geometry_um=float(random.uniform(0.0, 50.0)),
+        correlation=float(np.exp(random.uniform(np.log(0.2), np.log(4.0)))),
+        targets=int(random.choice([4, 6, 8])),
+        distance_mm=150,
+        detector=float(random.uniform(1.0, 5.0)),
+        target_um=float(random.choice([0.0, random.uniform(0.0, 100.0)])),
+    )
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Drawn:
     """One simulated measurement with its truth."""
