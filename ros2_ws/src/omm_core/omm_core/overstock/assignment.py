@@ -59,8 +59,10 @@ def assign(faces: tuple[Face, ...], points: Points, pose: Pose) -> Assignment:
     best, second = np.full(len(placed), np.inf), np.full(len(placed), np.inf)
     chosen = np.full(len(placed), -1, dtype=np.int64)
     other = chosen.copy()
-    for number, face in enumerate(faces):
-        near = np.flatnonzero(face.index.box_distance(placed) < second)
+    # Faces of many triangles last: most points have found a nearer one by then.
+    for number in sorted(range(len(faces)), key=lambda n: len(faces[n].triangles)):
+        face = faces[number]
+        near = np.flatnonzero(face.index.box_distance(placed) < np.where(known, best, second))
         if len(near) == 0:
             continue
         distance, outward = face.nearest(placed[near])

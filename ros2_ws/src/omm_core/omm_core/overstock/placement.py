@@ -41,6 +41,7 @@ BREACH = 100.0
 # Of motions that change no spread, the least: small against a face of three points.
 STAY = 1e-4
 SLACK = 1e-10
+PROMISED_MM = 1e-9
 BOUNDED = 1e-7
 
 
@@ -255,7 +256,8 @@ def _raise_level(
         gain -= BREACH * (trial.breach(floor) - state.breach(floor))
         if gain >= 0.0:
             state = trial
-            if length < 1e-9:
+            # Where the surfaces did as the programme promised, there is nothing left to gain.
+            if length < 1e-9 or (bounded and abs(gain - promised) < PROMISED_MM):
                 break
             radius *= 2.0
         else:
