@@ -86,8 +86,9 @@ def test_linuxcnc_reads_the_program_and_goes_to_the_stops(files, tmp_path, more)
         capture_output=True, text=True, timeout=60, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    plan = json.loads(out.read_text())
-    for stop in plan["program"]["stops"]:
+    stops = json.loads(out.read_text())["program"]["stops"]
+    # Where nobody answers a look for the part, the program ends with it.
+    for stop in stops[:1] if more else stops:
         x, y, z = (f"{stop['axes'][name]:.4f}" for name in "XYZ")
         assert f"STRAIGHT_FEED({x}, {y}, {z}," in done.stdout
 

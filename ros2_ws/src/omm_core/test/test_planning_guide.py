@@ -7,7 +7,7 @@ from planning_cells import MACHINE, REAL, part, scene
 from omm_core.geometry import RigidTransform, rotation_from_euler_xyz_rad
 from omm_core.planning.guide import AS_PLANNED, CORRECTED, NOTHING_SEEN, Guide, GuidedStop
 from omm_core.planning.plan import make_plan
-from omm_core.planning.plan_program import TRIES, look_from_afar
+from omm_core.planning.plan_program import TRIES_OF_A_SEARCH, look_from_afar
 from omm_core.planning.sightings import Sighting, predicted_sightings
 from omm_core.planning.views import views
 from omm_core.planning.wish import Wish
@@ -22,13 +22,14 @@ def led(plan, true_scene, limit_mm, random):
     """Go through the program as LinuxCNC does; returns views of each target and images taken."""
     rows = {target.id: row for row, target in enumerate(plan.scene.part.targets)}
     stops = [GuidedStop(axes=s.axes, rows=tuple(rows[t] for t in s.target_ids)) for s in plan.stops]
-    look = GuidedStop(axes=look_from_afar(plan, limit_mm), rows=stops[0].rows)
+    look = GuidedStop(axes=look_from_afar(plan, limit_mm), rows=stops[0].rows, look_mm=limit_mm)
     guide = Guide(scene=plan.scene, stops=[look, *stops], limit_mm=limit_mm)
     seen, images, shift = dict.fromkeys(rows, 0), 0, np.zeros(3)
     for number, stop in enumerate(guide.stops, start=1):
-        for _ in range(TRIES):
+        for _ in range(TRIES_OF_A_SEARCH):
             images += 1
-            axes = {n: stop.axes[n] + s for n, s in zip("XYZ", np.clip(shift, -limit_mm, limit_mm))}
+            limit = limit_mm + stop.look_mm  # as the program has it
+            axes = {n: stop.axes[n] + s for n, s in zip("XYZ", np.clip(shift, -limit, limit))}
             spindle = plan.scene.kinematics.machine_T_spindle(axes)
             found = look_at(true_scene, spindle, random)
             correction = guide.after_image(number, spindle, found)

@@ -21,6 +21,7 @@ from omm_core.part_pose.kernels import rotate
 from omm_core.planning.prediction import local_state
 from omm_core.planning.scene import Scene
 from omm_core.planning.sightings import Sighting, predicted_sightings
+from omm_core.planning.views import focal_px
 
 Array = NDArray[np.float64]
 
@@ -31,7 +32,10 @@ _DIAMETER_SIGMA = 0.01  # relative
 _SMALLEST_MM = 0.5  # corrections below are none
 _STEPS = np.array([1e-5, 1e-5, 1e-5, 1e-2, 1e-2, 1e-2, 1e-5])
 _ITERATIONS = 30
-_OVERLAP = 0.85
+_OVERLAP = 0.9
+_SURE = 0.85  # of a planned stop's distance: what is known of it then
+_NEXT_LAYER = 1000.0  # more than any way across
+_MOST_PLACES = 40  # where a planned stop's targets are searched
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,6 +44,8 @@ class GuidedStop:
 
     axes: Mapping[str, float]
     rows: tuple[int, ...]
+    look_mm: float = 0.0
+    """How far back from a planned stop this one looks at the part; 0 for a planned stop."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,7 +134,12 @@ class Guide:
             return _correction(AS_PLANNED if small else CORRECTED, shift)
         place = 0 if new else self._tries.get(number, 0) + 1
         self._tries[number] = place
-        return _correction(NOTHING_SEEN, self._searched(present, place))
+        pattern = self.search_pattern(present)
+        if place < len(pattern) or self.stops[present].look_mm:
+            shift = self._shift(present, pattern[place % len(pattern)])
+            return _correction(NOTHING_SEEN, shift)
+        # This stop's targets are not to be found: the others may still be.
+        return _correction(CORRECTED, self._shift(min(present + 1, len(self.stops) - 1)))
 
     def _shift(self, stop: int, aside_mm: Array | None = None) -> Array:
         """Return the shift of a stop's X, Y, Z that shows its targets where they were planned."""
@@ -145,26 +156,26 @@ class Guide:
         axes = kinematics.axes_at_tool_point(rotary, place, 0.0, turns_with_part=True)
         limits = {axis.name: (axis.lower, axis.upper) for axis in kinematics.axes}
         shift = [float(np.clip(axes[n], *limits[n])) - planned.axes[n] for n in "XYZ"]
-        return np.clip(shift, -self.limit_mm, self.limit_mm)
-
-    def _searched(self, stop: int, place: int) -> Array:
-        """Return the shift that leads to a place of the search; 0 is where the part should be."""
-        pattern = self.search_pattern(stop)
-        return self._shift(stop, pattern[place % len(pattern)])
+        # A look from afar is that much farther from where the part may be at the other end.
+        limit = self.limit_mm + planned.look_mm
+        return np.clip(shift, -limit, limit)
 
     def search_pattern(self, stop: int) -> Array:
-        """Return shifts in the machine, (P, 3) mm, nearest first, as far as the limit goes."""
+        """Return shifts in the machine, (P, 3) mm, in their order, as far as the limit goes.
+
+        Across, the nearest first. Along the spindle: back before in, because what is not seen from
+        farther back does not lie nearer, so that going in meets nothing. At a look from afar, layer
+        by layer inwards; there everything is searched, elsewhere the first places only.
+        """
         spindle = self.scene.kinematics.machine_T_spindle(self.stops[stop].axes)
         camera_R = (spindle @ self.scene.spindle_T_camera).rotation
         distance = self._distance_mm(stop, spindle)
         ring = max(t.dot_diameter_mm for t in self.scene.part.targets) * self.scene.ring_ratio()
-        focal_px = float(self.scene.calibration.lens.kernel_parameters()[1])
         size = np.array([self.scene.calibration.width_px, self.scene.calibration.height_px])
         places: list[tuple[float, Array]] = []
-        for back, cost in ((0.0, 0.0), (min(0.5 * distance, self.limit_mm), 0.9)):
-            if not self._is_sharp(distance + back):
-                continue
-            step = np.maximum(_OVERLAP * (size / focal_px * (distance + back) - 1.1 * ring), ring)
+        for back, cost, nearest in self._layers(stop, distance):
+            seen = size / focal_px(self.scene) * nearest
+            step = np.maximum(_OVERLAP * (seen - 1.1 * ring), ring)
             counts = np.ceil(self.limit_mm / step).astype(int)
             for i in range(-counts[0], counts[0] + 1):
                 for j in range(-counts[1], counts[1] + 1):
@@ -172,11 +183,29 @@ class Guide:
                     shift = aside + back * spindle.rotation[:, 2]
                     places.append((float(np.hypot(i, j)) + cost, shift))
         places.sort(key=lambda item: item[0])
-        return np.array([shift for _, shift in places]).reshape(-1, 3)
+        most = len(places) if self.stops[stop].look_mm else _MOST_PLACES
+        return np.array([shift for _, shift in places[:most]]).reshape(-1, 3)
 
-    def _is_sharp(self, distance_mm: float) -> bool:
-        focus = self.scene.calibration.imaging.focus_mm
-        return focus is None or focus[0] <= distance_mm <= focus[1]
+    def _layers(self, stop: int, distance: float) -> list[tuple[float, float, float]]:
+        """Return how far back (mm) to look from, what that costs in places across, and the nearest
+        distance (mm) at which targets are looked for there: what is nearer was seen from before.
+        """
+        focus, look_mm = self.scene.calibration.imaging.focus_mm, self.stops[stop].look_mm
+        if focus is None:
+            nearest = distance - look_mm if look_mm else _SURE * distance
+            back = min(0.5 * distance, self.limit_mm)
+            return [(0.0, 0.0, nearest), (back, 0.9, nearest + back)]
+        near, far = focus
+        spacing = 0.8 * (far - near)
+        if look_mm:  # inwards from where it begins, until the part may not be farther away
+            first = float(np.clip(distance - look_mm, near, far))
+            count = int(np.ceil((look_mm + self.limit_mm) / spacing))
+            inner = [(-k * spacing, _NEXT_LAYER * k, far - spacing) for k in range(1, count + 1)]
+            return [(0.0, 0.0, first), *inner]
+        count = int(self.limit_mm // spacing)
+        back_off = [(k * spacing, 1.2 * k, max(near, _SURE * distance)) for k in range(count + 1)]
+        inner = [(-k * spacing, _NEXT_LAYER * k, far - spacing) for k in range(1, count + 1)]
+        return [*back_off, *inner]
 
     def _distance_mm(self, stop: int, spindle: RigidTransform) -> float:
         camera = spindle @ self.scene.spindle_T_camera

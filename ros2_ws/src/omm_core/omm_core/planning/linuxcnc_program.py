@@ -12,7 +12,7 @@ hole in the measurement.
 The correction: where ``motion.digital-in-01`` is set, ``motion.analog-in-00`` to ``-02`` shift the
 next stop along X, Y, Z (mm), clamped to ``#<_omm_limit_mm>`` here, by the program itself. With
 ``-03`` = 2 nothing was seen: the same stop is tried again where the shift leads, ``#<_omm_tries>``
-times at most.
+times at most. Where a look for the part shows nothing, or no correction is valid, the program ends.
 """
 
 from __future__ import annotations
@@ -114,6 +114,8 @@ def _stop(program: Program, number: int, stop: ProgramStop, corrected: bool) -> 
     lines = [f"(image {number}: {stop.label})"]
     lines += [f"G53 G1 {_words(program, axes, before)}" for axes in stop.leave]
     lines += [f"G53 G1 {_words(program, axes, shift)}" for axes in stop.arrive]
+    if corrected and stop.look:  # it stands back by the limit: as much more may be needed inwards
+        lines.append(f"#<_omm_limit_mm> = {2.0 * program.options.limit_mm:.3f}")
     if corrected:
         lines += ["#<omm_try> = 0", f"O{1000 + number} DO"]
     lines += [
@@ -135,23 +137,41 @@ def _stop(program: Program, number: int, stop: ProgramStop, corrected: bool) -> 
     if corrected:
         again = "[#<omm_seen> EQ 2] AND [#<omm_try> LT #<_omm_tries>]"
         lines += ["#<omm_try> = [#<omm_try> + 1]", f"O{1000 + number} WHILE [{again}]"]
+    if corrected and stop.look:
+        lines += _end_unless_seen(number)
+        lines.append(f"#<_omm_limit_mm> = {program.options.limit_mm:.3f}")
+        lines += [line for i in range(3) for line in _clamped(50000 + i, i)]
     return lines
+
+
+def _end_unless_seen(number: int) -> list[str]:
+    """End the program where the part was not found: nobody knows then what lies in the way."""
+    return [
+        f"O{4000 + number} IF [[#<omm_valid> EQ 0] OR [#<omm_seen> EQ 2]]",
+        "(MSG,the part was not found: does the bridge have the plan_file? is the part there?)",
+        "M72",
+        "M2",
+        f"O{4000 + number} ENDIF",
+    ]
 
 
 def _read_correction(number: int) -> list[str]:
     """Take the next stop's shift from the inputs, where one is valid, and clamp it."""
     lines = [f"#<omm_old_{letter.lower()}> = #<_omm_{letter.lower()}>" for letter in _SHIFTED]
-    lines += ["#<omm_seen> = 0", "M66 P1 L0", f"O{3000 + number} IF [#5399 EQ 1]"]
+    lines += ["#<omm_seen> = 0", "M66 P1 L0", "#<omm_valid> = #5399"]
+    lines.append(f"O{3000 + number} IF [#<omm_valid> EQ 1]")
     for i, letter in enumerate(_SHIFTED):
-        name = f"#<_omm_{letter.lower()}>"
-        block = 10000 + 10 * number + i
-        lines += [
-            f"M66 E{i} L0",
-            f"{name} = #5399",
-            f"O{block} IF [{name} GT #<_omm_limit_mm>]",
-            f"{name} = #<_omm_limit_mm>",
-            f"O{block} ELSEIF [{name} LT [0 - #<_omm_limit_mm>]]",
-            f"{name} = [0 - #<_omm_limit_mm>]",
-            f"O{block} ENDIF",
-        ]
+        lines += [f"M66 E{i} L0", f"#<_omm_{letter.lower()}> = #5399"]
+        lines += _clamped(10000 + 10 * number + i, i)
     return [*lines, "M66 E3 L0", "#<omm_seen> = #5399", f"O{3000 + number} ENDIF"]
+
+
+def _clamped(block: int, index: int) -> list[str]:
+    name = f"#<_omm_{_SHIFTED[index].lower()}>"
+    return [
+        f"O{block} IF [{name} GT #<_omm_limit_mm>]",
+        f"{name} = #<_omm_limit_mm>",
+        f"O{block} ELSEIF [{name} LT [0 - #<_omm_limit_mm>]]",
+        f"{name} = [0 - #<_omm_limit_mm>]",
+        f"O{block} ENDIF",
+    ]

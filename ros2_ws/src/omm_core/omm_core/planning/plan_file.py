@@ -28,7 +28,11 @@ def program_json(plan: Plan, program: Program) -> dict[str, Any]:
         "images": len(program.stops),
         "limit_mm": program.options.limit_mm,
         "stops": [
-            {"axes": {n: float(v) for n, v in stop.axes.items()}, "targets": list(ids)}
+            {
+                "axes": {n: float(v) for n, v in stop.axes.items()},
+                "targets": list(ids),
+                "look_mm": program.options.limit_mm if stop.look else 0.0,
+            }
             for stop, ids in zip(program.stops, targets)
         ],
     }
@@ -77,4 +81,8 @@ def _stop(stop: Mapping[str, Any], part: Part, kinematics: Kinematics) -> Guided
     if unknown or not stop["targets"]:
         raise InputError(f"Expected a plan for '{part.name}', got one with target {unknown}.")
     axes = {axis.name: float(stop["axes"][axis.name]) for axis in kinematics.axes}
-    return GuidedStop(axes=axes, rows=tuple(rows[target] for target in stop["targets"]))
+    return GuidedStop(
+        axes=axes,
+        rows=tuple(rows[target] for target in stop["targets"]),
+        look_mm=float(stop.get("look_mm", 0.0)),
+    )

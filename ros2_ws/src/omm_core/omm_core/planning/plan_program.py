@@ -11,6 +11,7 @@ from omm_core.planning.tour import beyond_the_part, retracted
 
 RETRACT_MM = 100.0
 TRIES = 40
+TRIES_OF_A_SEARCH = 900
 
 
 def plan_program(plan: Plan, *, limit_mm: float, search: bool = False) -> Program:
@@ -31,7 +32,8 @@ def plan_program(plan: Plan, *, limit_mm: float, search: bool = False) -> Progra
     """
     stops: list[ProgramStop] = []
     if search:
-        stops.append(ProgramStop(axes=look_from_afar(plan, limit_mm), label="look from afar"))
+        look = look_from_afar(plan, limit_mm)
+        stops.append(ProgramStop(axes=look, label="look from afar", look=True))
     for i, stop in enumerate(plan.stops):
         through = plan.legs[i - 1].through if i else ()
         stops.append(
@@ -47,7 +49,7 @@ def plan_program(plan: Plan, *, limit_mm: float, search: bool = False) -> Progra
         dwell_s=plan.pace.settling_s,
         feed_mm_per_min=60.0 * plan.pace.feed_mm_per_s,
         limit_mm=limit_mm,
-        tries=TRIES,
+        tries=TRIES_OF_A_SEARCH if search else TRIES,
     )
     return make_program(
         plan.scene.kinematics,

@@ -68,12 +68,15 @@ class ProgramStop:
     ----------
     leave, arrive : tuple of mapping
         Positions on the way, those that belong to the stop before and those of this one.
+    look : bool
+        A look for the part: the program ends where it shows nothing, or nobody says what.
     """
 
     axes: Mapping[str, float]
     label: str
     leave: tuple[Mapping[str, float], ...] = ()
     arrive: tuple[Mapping[str, float], ...] = ()
+    look: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
