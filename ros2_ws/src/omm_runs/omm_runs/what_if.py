@@ -128,8 +128,10 @@ def _covariance(  # type: ignore[no-untyped-def]
     assert noise is not None  # the caller has looked
     used = [o for o, use in zip(solution.observations, solution.used) if use]
     if twice:
-        # The same stops once more, each with errors of its own.
-        used += [replace(o, stamp_ns=o.stamp_ns + 1) for o in used]
+        # The program once more: images that follow each other at one place would be one stop.
+        stamps = [o.stamp_ns for o in used]
+        later = max(stamps) - min(stamps) + 1
+        used += [replace(o, stamp_ns=o.stamp_ns + later) for o in used]
     options = SolveOptions(
         model="6d" if solution.model == "6d" else "7d",
         gamma_s_rad=float(solution.theta[6]) if solution.model == "6d" else 0.0,

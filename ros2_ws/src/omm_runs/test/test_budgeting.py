@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -296,8 +297,19 @@ contributors:
     assert helps[0].gain == pytest.approx(expected)
     alone = load_sources(write(tmp_path, text[: text.index("contributors")]))
     gains = {one.what: one.gain for one in what_ifs(alone, budget_from(alone))}
-    # Image noise alone acts in this run: twice the images, 1 - 1/√2 of U less at most.
-    assert 0.1 < gains["twice the images in the machine"] < 0.35
+    # Image noise alone acts in this run: twice the images, 1/√2 of U.
+    assert gains["twice the images in the machine"] == pytest.approx(1 - 1 / math.sqrt(2), abs=0.03)
+    # Stops that are anew each time: the same, though the images add nothing.
+    (tmp_path / "machine.yaml").write_text(
+        "machine: {name: m, urdf: m.urdf}\n"
+        "uncertainty: {stop_sigma_mm: 0.02, geometry_sigma_mm: 0, geometry_length_mm: 500}\n"
+    )
+    declared = text[: text.index("contributors")] + "machine: machine.yaml\n"
+    erring = load_sources(write(tmp_path, declared))
+    only_u_ip = replace(erring, machine=None)
+    gains = {one.what: one.gain for one in what_ifs(only_u_ip, budget_from(only_u_ip))}
+    assert gains["twice the images in the machine"] == pytest.approx(1 - 1 / math.sqrt(2), abs=0.03)
+    assert gains["a machine twice as exact at the stops"] == pytest.approx(0.5, abs=0.03)
 
 
 def test_a_second_scale_bar_takes_half_of_the_scales_variance(tmp_path: Path) -> None:
