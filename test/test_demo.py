@@ -3,8 +3,11 @@
 import json
 import math
 import signal
+import socket
 import subprocess
 import sys
+import time
+import urllib.request
 from pathlib import Path
 
 import numpy as np
@@ -118,6 +121,26 @@ def test_solving_again_gives_the_same_bytes(measured: Path, omm: Omm, tmp_path: 
     assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
     again = json.loads((tmp_path / "a.json").read_text())
     assert again["theta"] == json.loads((measured / "result.json").read_text())["result"]["theta"]
+
+
+def test_with_a_screen_it_stays_until_ctrl_c_and_the_page_is_there(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    command = [sys.executable, "-m", "omm_bringup.command_line", "demo", "--screen", "--seed", "3"]
+    arguments = ["--port", str(port), "--folder", str(tmp_path / "run")]
+    demo = subprocess.Popen(
+        [*command, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
+    assert demo.stdout is not None
+    assert any(f"page is at http://127.0.0.1:{port}/" in line for line in demo.stdout)
+    with urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=10) as answer:
+        assert b"/file/app.js" in answer.read()
+    time.sleep(1.0)
+    assert demo.poll() is None
+    demo.send_signal(signal.SIGINT)
+    told, _ = demo.communicate(timeout=120)
+    assert demo.returncode == 0, told
+    assert "Traceback" not in told
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -21,6 +21,7 @@ from omm_operator.screen.facts import (
 from omm_ros.conversions import MM_PER_M, image_from_message, stamp_ns
 
 LARGEST_PX = 1280
+_SHOWN_IMAGES = 8  # of which residuals may be drawn
 _QUALITY = 80
 _UNIT = np.array([1.0, 1.0, 1.0, MM_PER_M, MM_PER_M, MM_PER_M, 1.0])
 
@@ -28,8 +29,7 @@ _UNIT = np.array([1.0, 1.0, 1.0, MM_PER_M, MM_PER_M, MM_PER_M, 1.0])
 def estimate_fact(message: PartEstimate) -> EstimateFact:
     """Return an estimate as the screen takes it."""
     covariance = np.asarray(message.covariance).reshape(7, 7) * np.outer(_UNIT, _UNIT)
-    stated = getattr(message, "expanded_uncertainty", None)
-    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    newest = {(i.stamp.sec, i.stamp.nanosec) for i in message.images[-_SHOWN_IMAGES:]}
     return EstimateFact(
         part=message.part,
         model=message.model,
@@ -37,7 +37,7 @@ def estimate_fact(message: PartEstimate) -> EstimateFact:
         converged=message.converged,
         theta=np.asarray(message.theta) * _UNIT,
         covariance=covariance,
-        expanded_uncertainty=2.0 * sigma if stated is None else np.asarray(stated) * _UNIT,
+        expanded_uncertainty=np.asarray(message.expanded_uncertainty) * _UNIT,
         stamp_ns=stamp_ns(message.header.stamp),
         rms_px=message.rms_px,
         sigma0=message.sigma0,
@@ -58,6 +58,7 @@ def estimate_fact(message: PartEstimate) -> EstimateFact:
                 reason=o.reason,
             )
             for o in message.observations
+            if (o.stamp.sec, o.stamp.nanosec) in newest
         ),
         missing=tuple(message.missing),
         findings=tuple(message.findings),

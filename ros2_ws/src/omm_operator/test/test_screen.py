@@ -1,5 +1,7 @@
 """The screen's state: honest about what is not heard, and about what holds no longer."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -304,6 +306,17 @@ def test_the_history_holds_before_and_after_of_each_clamping(screen: Screen, tim
     assert [round(e["rows"][0]["value"], 4) for e in entries] == [1.1, 0.01]
     assert [e["mode"] for e in entries] == ["tilt", ""]
     assert [j["name"] for j in entries[0]["jacks"]] == ["J1", "J2", "J3", "J4"]
+
+
+def test_the_state_stays_small_however_many_images_there_are(screen: Screen, times: Times) -> None:
+    images = tuple(
+        ImageFact(stamp_ns=k, used=k % 2 == 0, reason="x" * (k % 2)) for k in range(5000)
+    )
+    screen.take_estimate(estimate(times, images=images))
+    shown = screen.snapshot()
+    assert (shown["measure"]["images"], shown["measure"]["used"]) == (5000, 2500)
+    assert shown["measure"]["refused"][-1]["number"] == 5000
+    assert len(json.dumps(shown)) < 100_000
 
 
 def test_how_many_stops_a_program_has_is_learned_from_its_first_whole_run(

@@ -22,6 +22,7 @@ from omm_operator.screen.screen import Screen
 from omm_operator.web.access import Hosts, Sessions, is_loopback
 from omm_operator.web.application import application
 from omm_operator.web.handlers import COOKIE, FILES
+from omm_operator.web.live import finite
 from omm_operator.web.serving import ServerThread, listen, tls_context
 
 PAGE_LIMIT = 300_000
@@ -206,6 +207,24 @@ def test_the_live_state_needs_origin_and_session(served: Served) -> None:
         "Origin": f"http://evil.example:{served.port}",
     }
     assert served.handshake(headers | rebound) == 421
+
+
+def test_another_site_may_go_to_the_page_but_not_look_into_it(served: Served) -> None:
+    headers = served.session()
+    for site in ("cross-site", "same-site"):
+        embedded = headers | {"Sec-Fetch-Site": site, "Sec-Fetch-Mode": "no-cors"}
+        for path in ("/session", "/picture.jpg", "/report.pdf", "/file/app.js", "/"):
+            assert served.ask("GET", path, without(embedded, "Origin"))[0] == 403
+        assert served.handshake(embedded | {"Sec-Fetch-Mode": "websocket"}) == 403
+        gone_to = {"Sec-Fetch-Site": site, "Sec-Fetch-Mode": "navigate"}
+        assert served.ask("GET", "/", gone_to)[0] == 200
+    same = headers | {"Sec-Fetch-Site": "same-origin", "Sec-Fetch-Mode": "cors"}
+    assert served.ask("GET", "/session", same)[0] == 200
+
+
+def test_no_number_that_a_browser_cannot_read_is_sent() -> None:
+    state = {"a": [1.0, float("nan")], "b": {"c": (float("inf"), "NaN", None, 2)}}
+    assert finite(state) == {"a": [1.0, None], "b": {"c": [None, "NaN", None, 2]}}
 
 
 PATHS = [

@@ -19,8 +19,8 @@ export function measure(state) {
       h("div", { "aria-live": "polite", id: "missing" },
         m.missing.length ? [h("h2", {}, t("measure.missing")), list(m.missing, "missing")] : null),
       m.pending ? h("p", {}, t("measure.pending", { n: m.pending })) : null,
-      refused(m.images),
-      targets(m.targets, m.images)),
+      refused(m.refused),
+      targets(m)),
   ];
 }
 
@@ -32,18 +32,16 @@ function program(control, from) {
   return h("span", { class: from.silent ? "stale" : "" }, `${word}${where} · ${still}`);
 }
 
-function refused(images) {
-  const bad = images.filter((image) => image.why && !image.used);
+function refused(bad) {
   if (!bad.length) return null;
   return h("div", { id: "refused" }, h("h2", {}, t("measure.refused")),
-    h("ul", { class: "missing" }, bad.slice(-20).reverse().map((image) => h("li", {}, `${t("measure.image", { n: image.number })}: ${tell(image.why)}`))));
+    h("ul", { class: "missing" }, [...bad].reverse().map((image) => h("li", {}, `${t("measure.image", { n: image.number })}: ${tell(image.why)}`))));
 }
 
-function targets(all, images) {
-  if (!all.length) return null;
-  const used = images.filter((image) => image.used).length;
-  return h("div", {}, h("h2", {}, t("measure.targets", { used, n: images.length })),
-    h("ul", { class: "chips" }, all.map(([id, count]) => h("li", { class: count >= 2 ? "good" : count ? "some" : "none" },
+function targets(m) {
+  if (!m.targets.length) return null;
+  return h("div", {}, h("h2", {}, t("measure.targets", { used: m.used, n: m.images })),
+    h("ul", { class: "chips" }, m.targets.map(([id, count]) => h("li", { class: count >= 2 ? "good" : count ? "some" : "none" },
       `${id}: ${count}×${count >= 2 ? " ✓" : count ? "" : " ✗"}`))));
 }
 

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from omm_operator.screen.screen import Kept
     from omm_operator.screen.troubles import Troubles
 
+LARGEST_SHOWN = 20
 NOT_YET = "said.nothing_solved"
 number = result.number
 
@@ -84,7 +85,7 @@ def measure(kept: Kept) -> dict[str, Any]:
         },
         "stop": stop,
         "stops": kept.stops,
-        "images": _images(estimate),
+        **_images(estimate),
         "pending": estimate.images_pending if estimate else 0,
         "targets": [list(target) for target in estimate.targets] if estimate else [],
         "missing": [recognise(m).to_json_dict() for m in estimate.missing] if estimate else [],
@@ -198,17 +199,19 @@ def hand(kept: Kept, options: HandingOptions, conditions: Sequence[Condition]) -
     }
 
 
-def _images(estimate: EstimateFact | None) -> list[dict[str, Any]]:
-    if estimate is None:
-        return []
-    return [
-        {
-            "number": at,
-            "used": image.used,
-            "why": recognise(image.reason).to_json_dict() if image.reason else None,
-        }
-        for at, image in enumerate(estimate.images, start=1)
+def _images(estimate: EstimateFact | None) -> dict[str, Any]:
+    """Return how many images were used, and the newest that were refused: never all of them."""
+    images = estimate.images if estimate else ()
+    refused = [
+        {"number": at, "why": recognise(image.reason).to_json_dict()}
+        for at, image in enumerate(images, start=1)
+        if image.reason and not image.used
     ]
+    return {
+        "images": len(images),
+        "used": sum(image.used for image in images),
+        "refused": refused[-LARGEST_SHOWN:],
+    }
 
 
 def _picture(

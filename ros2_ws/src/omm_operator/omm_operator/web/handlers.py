@@ -102,6 +102,11 @@ def refuse_foreign(request: HTTPServerRequest, hosts: Hosts) -> None:
         raise tornado.web.HTTPError(421)
     if origin is not None and not hosts.is_origin(origin, host):
         raise tornado.web.HTTPError(403)
+    # Browsers say who asks. From elsewhere, the page may be gone to, but not be looked into.
+    foreign = request.headers.get("Sec-Fetch-Site") in ("cross-site", "same-site")
+    goes_there = request.path == "/" and request.headers.get("Sec-Fetch-Mode") == "navigate"
+    if foreign and not goes_there:
+        raise tornado.web.HTTPError(403)
 
 
 class Start(Guarded):

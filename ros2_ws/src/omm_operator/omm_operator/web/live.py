@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import json
+import math
 from typing import Any
 
 import tornado.web
@@ -11,6 +13,15 @@ import tornado.websocket
 from omm_operator.screen.desk import Asker
 from omm_operator.web.access import Hosts, Sessions
 from omm_operator.web.handlers import COOKIE, Content, refuse_foreign, require_origin
+
+
+def finite(value: Any) -> Any:
+    """Return a state with None wherever there is no number."""
+    if isinstance(value, dict):
+        return {name: finite(held) for name, held in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(held) for held in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 class Pages:
@@ -84,8 +95,10 @@ class Live(tornado.websocket.WebSocketHandler):
             return
         assert self._asker is not None  # `prepare` has looked
         own = {"who": self._asker.who, "role": self._asker.role, "language": self._language}
+        # A browser reads no NaN: one number would take the whole page away.
+        words = json.dumps(finite({**state, "me": own}), allow_nan=False, ensure_ascii=False)
         try:
-            self._sending = asyncio.ensure_future(self.write_message({**state, "me": own}))
+            self._sending = asyncio.ensure_future(self.write_message(words))
         except tornado.websocket.WebSocketClosedError:
             self._pages.remove(self)
             return
