@@ -50,3 +50,17 @@ def test_xacro_is_run_where_it_is_installed(tmp_path, monkeypatch, works):
     else:
         with pytest.raises(InputError, match=r"mill\.urdf: .*name travel"):
             Machine.load(path)
+
+
+@pytest.mark.parametrize("size", [2, 3, 2000])
+def test_links_that_go_round_beside_the_root_are_refused_not_followed_for_ever(tmp_path, size):
+    names = ["spindle", *(f"l{k}" for k in range(size - 1))]
+    joints = "".join(
+        f'<joint name="J{k}" type="prismatic"><parent link="{names[k - 1]}"/><child link="{name}"/>'
+        '<axis xyz="1 0 0"/><limit lower="0" upper="1"/></joint>'
+        for k, name in enumerate(names)
+    )
+    links = "".join(f'<link name="{name}"/>' for name in ("base", *names))
+    (tmp_path / "mill.urdf").write_text(f'<robot name="r">{links}{joints}</robot>')
+    with pytest.raises(InputError, match=r"mill\.urdf: .*loop"):
+        Machine.load(tmp_path / "mill.urdf")

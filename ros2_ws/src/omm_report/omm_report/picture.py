@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from omm_core.files.output import write_whole
+
 _COLUMNS = 4
 _TILE_PX = (640, 480)
 _CAPTION_PX = 28
@@ -62,9 +64,7 @@ def draw_run(images: Sequence[DrawnImage], residual_scale: float) -> NDArray[np.
 def save_picture(path: Path, picture: NDArray[np.uint8]) -> None:
     """Write the picture as PNG, whole or not at all."""
     _, data = cv2.imencode(".png", picture)
-    temporary = path.with_name(path.name + ".new")
-    temporary.write_bytes(data.tobytes())
-    temporary.replace(path)
+    write_whole(path, data.tobytes())
 
 
 def _tile(image: DrawnImage, residual_scale: float) -> NDArray[np.uint8]:

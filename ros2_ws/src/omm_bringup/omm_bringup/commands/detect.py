@@ -132,10 +132,9 @@ def _write_json(out: str, results: list[dict[str, Any]]) -> None:
     if out == "-":
         sys.stdout.write(text)
         return
-    try:
-        Path(out).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{out}: cannot be written: {error.strerror or error}") from error
+    from omm_core.files.output import write_whole
+
+    write_whole(Path(out), text)
 
 
 def _write_overlay(path: Path, folder: str, image: Any, detection: Detection) -> None:

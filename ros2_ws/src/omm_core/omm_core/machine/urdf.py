@@ -132,7 +132,23 @@ def _root(links: tuple[str, ...], joints: tuple[Joint, ...]) -> str:
     roots = [link for link in links if link not in children]
     if len(roots) != 1:
         raise InputError(f"Expected a tree with one root link, got {', '.join(roots) or 'a loop'}.")
+    _refuse_loops(joints, roots[0])
     return roots[0]
+
+
+def _refuse_loops(joints: tuple[Joint, ...], root: str) -> None:
+    """Make sure that every link comes down to the root: a chain is gone up without looking."""
+    parents = {joint.child: joint.parent for joint in joints}
+    rooted = {root}
+    for start in parents:
+        way, link = {start}, start
+        while link not in rooted:
+            link = parents[link]
+            if link in way:
+                told = ", ".join(sorted(way)[:10])
+                raise InputError(f"Expected a tree, its links go round in a loop: {told}.")
+            way.add(link)
+        rooted |= way
 
 
 def _joint(element: ET.Element) -> Joint:
