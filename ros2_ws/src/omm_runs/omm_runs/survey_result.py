@@ -17,6 +17,7 @@ from omm_core.files.output import write_whole
 from omm_core.files.survey import DeclaredBar, DeclaredDatum, SurveySet
 from omm_core.geometry import euler_xyz_rad_from_rotation
 from omm_core.survey import Network
+from omm_core.survey.advice import where_to_stand
 from omm_core.survey.camera_model import PARAMETERS
 from omm_core.survey.datum import Frame, frame_of_nominal, frame_of_three, free_frame
 from omm_core.survey.network import FEWEST_RAYS
@@ -111,6 +112,7 @@ def as_json(
     names = [photo.name for photo in given.photos]
     reasons = photo_reasons(len(names), network, left_out)
     findings = [*words, *out.words, *findings_of(network, lambda n: names[n], focal_px)]
+    findings += where_to_stand(network, out.frame)
     findings += [f"{names[n]} is left out: {why}." for n, why in sorted(reasons.items())]
     solution = network.solution
     return {
