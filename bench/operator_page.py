@@ -94,6 +94,8 @@ def _run(cell: CellWithPage, browser: Any, pictures: Path | None) -> None:
     print(f"load while measuring, one page open: {busy:.1f} %")
     _tell_latency(heard, page.evaluate("() => window.seen"))
     page.reload()
+    page.wait_for_selector("#do-start_program")
+    time.sleep(0.5)
     paint = page.evaluate(
         "() => performance.getEntriesByName('first-contentful-paint')[0]?.startTime"
     )

@@ -46,7 +46,11 @@ def lifted(
 def lifted_by_command(
     machine_T_part: RigidTransform, jacks: Sequence[Mapping[str, float]]
 ) -> RigidTransform:
-    """Return the pose after jacks were turned by what the page says: ``x_mm y_mm mm`` each."""
+    """Return the pose after jacks were turned by what the page says: ``x_mm y_mm mm`` each.
+
+    A rigid part stands on three: of more, the first three count.
+    """
+    jacks = jacks[:3]
     return lifted(machine_T_part, [(j["x_mm"], j["y_mm"]) for j in jacks], [j["mm"] for j in jacks])
 
 
