@@ -11,7 +11,7 @@ from collections import Counter, deque
 from collections.abc import Callable
 
 from geometry_msgs.msg import PoseStamped
-from omm_interfaces.msg import SpindleState, TargetObservations
+from omm_interfaces.msg import SpindleState
 from omm_interfaces.srv import TriggerImage
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
@@ -25,12 +25,11 @@ from omm_cnc_bridge.control import (
     ControlSample,
     KnowsTruth,
     ProgramState,
-    TakesCorrections,
 )
 from omm_cnc_bridge.controls.choosing import make_control
-from omm_cnc_bridge.guiding import Guiding, GuidingFiles
 from omm_cnc_bridge.handshake import Acknowledge, Action, Handshake, HandshakeLimits, Trigger
 from omm_cnc_bridge.judgement import Judge, Judgement, Reported, SampleLimits
+from omm_cnc_bridge.leading import Leading
 from omm_cnc_bridge.parameters import Parameters
 from omm_cnc_bridge.refusal_log import RefusalLog
 from omm_cnc_bridge.standstill import StandStillLimits
@@ -55,8 +54,8 @@ class CncBridgeNode(Node):
         self._p = p = declare(self, Parameters)
         self._control, machine = make_control(p)
         self._judge = _make_judge(p, machine)
-        self._guiding = _make_guiding(p, machine)
-        self._handshake = _make_handshake(p, self._guiding)
+        self._leading = Leading(self, self._control, p, machine)
+        self._handshake = _make_handshake(p, self._leading)
         self._lock = threading.Lock()  # around the handshake
         self._connection, self._detail = Connection.DISCONNECTED, "not connected yet"
         self._judged: Judgement | None = None
@@ -81,12 +80,6 @@ class CncBridgeNode(Node):
             if p.trigger_service
             else None
         )
-        if self._guiding is not None and not isinstance(self._control, TakesCorrections):
-            self.get_logger().warning(f"plan_file: {p.control} takes no corrections of its stops")
-        if self._guiding is not None:
-            self.create_subscription(
-                TargetObservations, "/omm/observations", self._on_observations, qos.OBSERVATIONS
-            )
         self._commands = Commands(self, self._control, p, self._trouble, self._unrest)
         self.create_timer(1.0 / p.state_rate_hz, self._on_timer)
         diagnostics = Diagnostics(self, hardware_id=p.control)
@@ -127,9 +120,7 @@ class CncBridgeNode(Node):
         try:
             self._set_connection(Connection.CONNECTING, "no sample yet")
             self._control.connect()
-            if isinstance(self._control, TakesCorrections):
-                # An earlier bridge's correction must not be taken for ours.
-                self._control.correct((0.0, 0.0, 0.0), 0, valid=False)
+            self._leading.connected()
             while self._is_wanted():
                 self._read()
         except DeviceError as error:
@@ -156,9 +147,7 @@ class CncBridgeNode(Node):
         if sample.stamp_ns > now_ns - round(self._p.stale_after_s * 1e9):
             self._heard_s = time.monotonic()
             self._set_connection(Connection.CONNECTED, "")
-        if self._guiding is not None:
-            running = (ProgramState.RUNNING, ProgramState.WAITING, ProgramState.INTERRUPTED)
-            self._guiding.heard(running=sample.program_state in running)
+        self._leading.heard(sample)
         with self._lock:
             action = self._handshake.sample(sample, judged.rest_since_ns, now_ns)
         changed = self._judged is None or _noteworthy(self._judged) != _noteworthy(judged)
@@ -196,35 +185,14 @@ class CncBridgeNode(Node):
             self._trigger(action)
         elif isinstance(action, Acknowledge):
             try:
-                self._correct(action)
+                judged = self._judged
+                pose = judged.machine_T_spindle if judged is not None else None
+                self._leading.before_answer(action, pose)
                 self._control.acknowledge(action.request)
             except DeviceError as error:
                 self.get_logger().error(f"image {action.request} is not acknowledged: {error}")
                 with self._lock:
                     self._handshake.refused(str(error), time.time_ns())
-
-    def _correct(self, action: Acknowledge) -> None:
-        """Tell the program where its next stop shall be, before it is answered."""
-        judged, control = self._judged, self._control
-        if self._guiding is None or not isinstance(control, TakesCorrections):
-            return
-        pose = judged.machine_T_spindle if judged is not None else None
-        told = pose and self._guiding.correction(action.request, action.image_ns, pose)
-        if not told:
-            self.get_logger().warning(
-                f"image {action.request}: no word of the estimator; the program goes on as planned"
-            )
-            control.correct((0.0, 0.0, 0.0), 0, valid=False)
-            return
-        control.correct(told.shift_mm, told.status, valid=True)
-        words = ("as planned", "corrected", "nothing seen, look again")[told.status]
-        x, y, z = told.shift_mm
-        self.get_logger().info(f"image {action.request}: {words}, {x:.1f} {y:.1f} {z:.1f} mm")
-
-    def _on_observations(self, message: TargetObservations) -> None:
-        assert self._guiding is not None
-        found = conversions.found_targets(message)
-        self._guiding.observed(stamp_ns(message.header.stamp), found)
 
     def _trigger(self, action: Trigger) -> None:
         if self._camera is None:
@@ -296,7 +264,7 @@ class CncBridgeNode(Node):
     def _lost(self, error: DeviceError) -> None:
         self._judge.forget()
         with self._lock:
-            self._handshake = _make_handshake(self._p, self._guiding, self._handshake.acknowledged)
+            self._handshake = _make_handshake(self._p, self._leading, self._handshake.acknowledged)
         self._set_connection(Connection.DISCONNECTED, f"{error} Trying again.")
 
     def _trouble(self) -> str:
@@ -388,23 +356,14 @@ def _make_judge(p: Parameters, machine: Machine) -> Judge:
     )
 
 
-def _make_guiding(p: Parameters, machine: Machine) -> Guiding | None:
-    if not p.plan_file:
-        return None
-    files = GuidingFiles(
-        plan_file=p.plan_file, part_file=p.part_file, calibration_file=p.calibration_file
-    )
-    return Guiding.load(files, machine, _ns(p.find_timeout_s))
-
-
-def _make_handshake(p: Parameters, guiding: Guiding | None, acknowledged: int = 0) -> Handshake:
+def _make_handshake(p: Parameters, leading: Leading, acknowledged: int = 0) -> Handshake:
     limits = HandshakeLimits(
         trigger_timeout_ns=_ns(p.trigger_timeout_s),
         attempts=p.trigger_attempts,
         retry_ns=_ns(p.retry_s),
         hold_ns=_ns(p.hold_after_image_s),
     )
-    handshake = Handshake(limits) if guiding is None else Handshake(limits, guiding.is_ready)
+    handshake = Handshake(limits, leading.is_ready)
     handshake.acknowledged = acknowledged
     return handshake
 

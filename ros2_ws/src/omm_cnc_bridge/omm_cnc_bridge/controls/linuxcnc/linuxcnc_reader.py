@@ -354,6 +354,8 @@ class Reader:
             words += [(SIGNAL_VALID, "TRUE")]
         for name, value in words:
             if self._halcmd("sets", name, value) is None:
+                if not values:
+                    return ""  # nothing that could be valid
                 return f"HAL has no signal {name}: see *_omm.hal"
         return ""
 
