@@ -7,6 +7,7 @@ thread (`operating.Operation`).
 from __future__ import annotations
 
 import json
+import sys
 import time
 from functools import partial
 from pathlib import Path
@@ -244,7 +245,12 @@ class OperatorNode(Node):
     def _tell_tokens(self) -> None:
         if not self._where.alone:
             for role, token in self._sessions.tokens().items():
-                self.get_logger().info(f"One-time token for another computer, {role}: {token}")
+                # Not through ROS's log: that is on a topic, and in every recording.
+                print(
+                    f"One-time token for another computer, {role}: {token}",
+                    file=sys.stderr,
+                    flush=True,
+                )
 
 
 def _value(value: ParameterValue) -> object:
