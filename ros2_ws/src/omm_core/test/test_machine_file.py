@@ -96,7 +96,7 @@ def test_a_misspelt_key_is_told(tmp_path, capsys):
 
 
 def test_no_machine_at_all_is_refused(tmp_path):
-    with pytest.raises(InputError, match="No such file"):
+    with pytest.raises(InputError, match="no such file"):
         load_machine(tmp_path / "none.yaml")
 
 
