@@ -68,15 +68,16 @@ def test_a_target_that_moved_is_named_and_left_out_and_harms_no_other() -> None:
     shifted = {**values, "points": values["points"] + [0.9, -0.7, 0.0]}
     moved = []
     for s in sightings:
-        if s.point == 12 and s.photo % 2:
-            rows = (np.array([clean.photos[s.photo]]), np.array([clean.points[12]]))
+        if s.point in (2, 12) and s.photo % 3 == 0:  # 2 is an end of a bar
+            rows = (np.array([clean.photos[s.photo]]), np.array([clean.points[s.point]]))
             there, here = (
                 evaluate_rays(v, *rows, clean.middle_px)[0][0] for v in (shifted, values)
             )
             s = replace(s, center_px=s.center_px + there - here)
         moved.append(s)
     network = solve_network(moved, bars_of(points), 3010.0, SIZE)
-    assert set(network.left_out_points) == {12}
+    assert set(network.left_out_points) == {2, 12}
+    assert [bar.ends for bar in network.bars] == [(0, 1)]
     assert "moved" in network.left_out_points[12]
     assert not network.left_out_photos
     sigma = np.sqrt(np.diag(clean.solution.covariance_of("points"))).reshape(-1, 3)

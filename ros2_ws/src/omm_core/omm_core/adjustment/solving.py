@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dposv, dpotrf, dpotri
 
 from omm_core.adjustment.normal_equations import Linearised, cost_of, linearise
 from omm_core.adjustment.problem import Problem, Values
@@ -135,18 +136,21 @@ class _Scaled:
     def step(self, damping: float) -> Array:
         """Return the step in the unknowns' own units."""
         matrix = self.matrix + np.diag(np.full(len(self.matrix), damping + _LOST))
-        return np.asarray(self.scale * np.linalg.solve(matrix, self.right))
+        _, found, failed = dposv(matrix, self.right, lower=1)
+        if failed:  # not positive definite, by rounding
+            found = np.linalg.solve(matrix, self.right)
+        return np.asarray(self.scale * found.ravel())
 
     def covariance(self, *, look: bool) -> tuple[Array, list[Array]]:
         """Return the covariance and the undetermined directions, in the unknowns' own units."""
         directions: list[Array] = []
         inverse = np.diag(np.full(len(self.matrix), np.inf))
-        try:
-            np.linalg.cholesky(self.matrix)
-            inverse = np.linalg.inv(self.matrix)
-        except np.linalg.LinAlgError:
-            if not look:
-                raise
+        root, failed = dpotrf(self.matrix, lower=1, clean=1) if len(self.matrix) else (inverse, 0)
+        if not failed and len(self.matrix):
+            half, _ = dpotri(root, lower=1)
+            inverse = np.tril(half) + np.tril(half, -1).T
+        elif failed and not look:
+            raise np.linalg.LinAlgError("The normal equations are not positive definite.")
         if look and len(inverse) and np.abs(np.diag(inverse)).max() > 0.01 / UNDETERMINED:
             values, vectors = np.linalg.eigh(self.matrix)
             lost = values < UNDETERMINED

@@ -73,16 +73,34 @@ def solve_network(
     if zoomed:
         sightings = [s for s in sightings if s.photo not in zoomed]
         network = _started(sightings, bars, float(network.lens[0]), middle, declared)
-    bars, words = agreeing_bars(network, bars)
+    # A bar's end that moved must not make the bars disagree.
+    moved = misfits_of(network).points
+    sightings = [s for s in sightings if s.point not in moved]
     try:
+        if moved:
+            network = _without(network, moved, sightings, declared)
+        bars, words = agreeing_bars(network, bars)
         every = sightings
         if dots:
             network, every = _with_dots(network, sightings, bars, dots, declared)
             network, every = _with_more_photos(network, every, bars, dots, declared, zoomed)
-        network = _weeded(network, every, bars, declared, Misfits(photos=zoomed))
+        network = _weeded(network, every, bars, declared, Misfits(points=moved, photos=zoomed))
     except np.linalg.LinAlgError:
         raise MeasurementError(_LOOSE) from None
     return replace(network, words=(*words, *network.words))
+
+
+def _without(
+    network: Network,
+    points: dict[int, str],
+    sightings: list[Sighting],
+    declared: dict[str, float],
+) -> Network:
+    """Return the network of coded targets without some of them."""
+    state = state_of(network, declared)
+    left = {n: xyz for n, xyz in state.points.items() if n not in points}
+    stages = stages_for(len(state.photos))[-1:]
+    return adjusted(replace(state, points=left), sightings, [], network.middle_px, stages)
 
 
 def _started(

@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 _MOVED_SIGMAS = 5.0
 _ZOOM_SIGMAS = 8.0
 _ZOOM_LEAST = 1e-4  # of the focal length
+_FAR_SIGMAS, _FAR_PX = 12.0, 0.25
 _MOST = 0.6  # of the rejected rays
 _AGREES_PX = 0.05
 _ZOOM_OF_ONE = 0.005
@@ -78,9 +79,14 @@ def _contradicting_photos(network: Network, without: set[int]) -> dict[int, str]
 def _moved(network: Network) -> dict[int, str]:
     """Return targets whose rejected rays agree on another place."""
     out: dict[int, list[int]] = {}
-    for i, (s, used) in enumerate(zip(network.sightings, network.used, strict=True)):
-        if not used:
-            out.setdefault(s.point, []).append(i)
+    away = np.linalg.norm(network.solution.residuals["rays"], axis=1)
+    detector = np.array([s.covariance_px2 for s in network.sightings])
+    covariance = network.noise.covariance(detector, network.kinds)
+    sigma = np.sqrt(np.einsum("mii->m", covariance) / 2.0)
+    # Two rays that are off by a little always meet somewhere near.
+    far = ~network.used & (away > np.maximum(_FAR_SIGMAS * sigma, _FAR_PX))
+    for i in np.flatnonzero(far):
+        out.setdefault(network.sightings[i].point, []).append(int(i))
     moved = {}
     for point, rays in out.items():
         if len(rays) < 2:
@@ -145,6 +151,8 @@ def zoomed_photos(network: Network) -> dict[int, str]:
     known = np.isfinite(scales) & (sigmas > 0)
     if known.sum() < 6:
         return {}
+    # What a photograph hardly tells of its scale says nothing of the others'.
+    known &= sigmas < 5.0 * np.median(sigmas[known])
     s, numbers, sigmas = scales[known], numbers[known], sigmas[known]
     order = np.argsort(s)
     gaps = np.diff(s[order])
@@ -157,6 +165,10 @@ def zoomed_photos(network: Network) -> dict[int, str]:
     fewer, more = sorted(groups, key=len)
     # One photograph alone may be off by a blunder that no test has found yet.
     if apart < limit or (len(fewer) < 2 and apart < _ZOOM_OF_ONE):
+        return {}
+    away = np.abs(s[fewer] - np.median(s[more]))
+    fewer = fewer[away > _ZOOM_SIGMAS * sigmas[fewer]]
+    if not len(fewer):
         return {}
     sign = 1.0 if np.median(s[fewer]) > np.median(s[more]) else -1.0
     return {
