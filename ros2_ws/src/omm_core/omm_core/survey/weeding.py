@@ -19,7 +19,7 @@ from omm_core.survey.network import FEWEST_IN_PHOTO, FEWEST_RAYS, REJECTION, Net
 Array = NDArray[np.float64]
 
 _MOVED_SIGMAS = 5.0
-_ZOOM_SIGMAS = 8.0
+_ZOOM_SIGMAS, _OWN_SIGMAS = 8.0, 4.0
 _ZOOM_LEAST = 1e-4  # of the focal length
 _FAR_SIGMAS, _FAR_PX = 12.0, 0.25
 _MOST = 0.6  # of the rejected rays
@@ -167,7 +167,7 @@ def zoomed_photos(network: Network) -> dict[int, str]:
     if apart < limit or (len(fewer) < 2 and apart < _ZOOM_OF_ONE):
         return {}
     away = np.abs(s[fewer] - np.median(s[more]))
-    fewer = fewer[away > _ZOOM_SIGMAS * sigmas[fewer]]
+    fewer = fewer[away > _OWN_SIGMAS * sigmas[fewer]]
     if not len(fewer):
         return {}
     sign = 1.0 if np.median(s[fewer]) > np.median(s[more]) else -1.0
