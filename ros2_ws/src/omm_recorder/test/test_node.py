@@ -38,7 +38,7 @@ from omm_recording.verifying import verify
 from omm_ros import transport
 from omm_ros.diagnostics import Diagnostics
 from omm_runs.recorded_estimator import options_from
-from omm_runs.solving import solve_run
+from omm_runs.solving import SolveRunOptions, solve_run
 
 Process = "subprocess.Popen[str]"
 POSES = "/cnc/spindle_pose"
@@ -459,12 +459,22 @@ def test_replay_of_a_part_of_the_time_and_the_topics(
     assert images.taken == clock.taken == []
 
 
+MACHINE = """machine: {name: mill, urdf: mill.urdf}
+uncertainty: {stop_sigma_mm: 0.001, geometry_sigma_mm: 0.0}
+"""
+
+
+@pytest.mark.parametrize("declared", [False, True])
 def test_the_live_estimator_fed_by_a_replay_comes_to_the_recorded_result(
-    node: Any, start: Any, bench: Path, tmp_path: Path
+    node: Any, start: Any, bench: Path, tmp_path: Path, declared: bool
 ) -> None:
     from omm_interfaces.msg import PartEstimate
 
     files = {"part_file": bench / "part.yaml", "calibration_file": bench / "camera.yaml"}
+    machine = tmp_path / "mill.yaml"
+    machine.write_text(MACHINE)
+    if declared:
+        files["machine_file"] = machine
     recorder = start("node", folder=tmp_path / "run", compression="none")
     start("node", package="omm_estimator", **files)
     images = len(recorded(bench, IMAGES))
@@ -495,8 +505,14 @@ def test_the_live_estimator_fed_by_a_replay_comes_to_the_recorded_result(
     live = [float(value) for value in estimates[-1].theta]
     assert list(solved.recorded.theta_si) == live
     unit = [1.0, 1.0, 1.0, 1000.0, 1000.0, 1000.0, 1.0]
-    assert [float(v) / u for v, u in zip(solved.result.solution.theta, unit)] == live
-    again = solve_run(bench).result.to_json_dict()
+    solution = solved.result.solution
+    assert [float(v) / u for v, u in zip(solution.theta, unit)] == live
+    told = [float(value) for value in estimates[-1].expanded_uncertainty]
+    assert [float(v) / u for v, u in zip(solution.expanded_uncertainty, unit)] == told
+    assert (solved.machine is not None) == declared  # it was recorded with the run
+    assert estimates[-1].geometry_declared == declared
+    options = SolveRunOptions(machine_file=machine) if declared else None
+    again = solve_run(bench, options).result.to_json_dict()
     assert solved.result.to_json_dict() == again
 
 

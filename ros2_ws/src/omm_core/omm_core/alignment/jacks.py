@@ -21,7 +21,7 @@ from omm_core.files.wishes import Jack
 Array = NDArray[np.float64]
 Mode = Literal["exact", "tilt", "lift"]
 COVERAGE = 2.0
-"""Expanded uncertainty by standard deviation, where the deviation is normally distributed."""
+"""U by standard deviation; of a pose that is no normal distribution, hand over U / 2 as that."""
 MODES: tuple[Mode, ...] = ("exact", "tilt", "lift")
 
 
@@ -42,7 +42,6 @@ def jack_corrections(
     *,
     mode: Mode = "exact",
     up: ArrayLike = (0.0, 0.0, 1.0),
-    coverage: float = COVERAGE,
 ) -> tuple[Correction, ...]:
     """Return the correction of each jack, in their order.
 
@@ -59,8 +58,6 @@ def jack_corrections(
         To the nominal pose; turned only, the part's origin stays; no jack is let down.
     up : (3,) array
         Direction in which jacks lift, machine axes.
-    coverage : float
-        U by standard deviation, see :func:`coverage_of`.
 
     Raises
     ------
@@ -87,30 +84,11 @@ def jack_corrections(
         Correction(
             name=jack.name,
             correction_mm=float(c),
-            expanded_uncertainty_mm=float(coverage * s),
+            expanded_uncertainty_mm=float(COVERAGE * s),
             within_travel=bool(jack.travel_mm[0] <= c <= jack.travel_mm[1]),
         )
         for jack, c, s in zip(jacks, corrections, sigma, strict=True)
     )
-
-
-def coverage_of(expanded_uncertainty: ArrayLike, covariance: ArrayLike) -> float:
-    """Return U by standard deviation of what a measurement tells, the largest of all unknowns.
-
-    A pose that was solved on a machine of unknown noise is no normal distribution, but a mixture:
-    what is computed from it linearly has about the coverage factor of the unknowns.
-
-    Parameters
-    ----------
-    expanded_uncertainty : (k,) array
-        What 95.45 % of errors are smaller than.
-    covariance : (k, k) array
-        In the same order and units.
-    """
-    sigma = np.sqrt(np.maximum(np.diag(np.asarray(covariance, dtype=float)), 0.0))
-    known = sigma > 0.0
-    factors = np.asarray(expanded_uncertainty, dtype=float)[known] / sigma[known]
-    return float(factors.max(initial=COVERAGE))
 
 
 def remarks(jacks: Sequence[Jack], corrections: Sequence[Correction]) -> tuple[str, ...]:

@@ -25,8 +25,8 @@ _LENGTH_PRIOR = np.array([0.1, 0.45, 0.45])
 _STOP_FLOOR_MM = 0.001  # the density is 1 / (σ + floor)
 _GEOMETRY_FLOOR_MM = 0.001  # below it the density 1/σ is level
 _STEP = 1.6  # between levels, where the grid is made longer
-_IMAGE_SCALES = np.array([1.0, 2.0, 4.0])  # of what the detector says of itself
-_IMAGE_PRIOR = np.array([0.5, 0.3, 0.2])
+_IMAGE_SCALES = np.array([1.0, 2.0, 3.5, 6.0])  # of what the detector says of itself
+_IMAGE_PRIOR = np.array([0.4, 0.25, 0.2, 0.15])
 _APART = 1000  # between the coordinates of two grids
 WORST_MM = float(_GEOMETRY_MM[-1])
 
