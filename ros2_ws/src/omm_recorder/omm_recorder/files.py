@@ -12,7 +12,7 @@ from omm_core.files.outside import read_bytes
 from omm_core.files.strict_yaml import parse_yaml
 
 LARGEST_BYTES = 16 << 20
-_KEYS = {"part.yaml": "part", "camera.yaml": "camera"}
+_KEYS = {"part.yaml": "part", "camera.yaml": "camera", "machine.yaml": "machine"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,7 +24,9 @@ class FileToRecord:
 
 
 def file_to_record(path: Path, name: str) -> FileToRecord:
-    """Read a file that is to be recorded as ``part.yaml`` or ``camera.yaml``.
+    """Read a file that is to be recorded as ``part.yaml``, ``camera.yaml`` or ``machine.yaml``.
+
+    A machine may be a URDF, too: what reads it tells them apart by content.
 
     Raises
     ------
@@ -36,8 +38,14 @@ def file_to_record(path: Path, name: str) -> FileToRecord:
         content = parse_yaml(data, str(path))
     except InputError:
         content = None
-    if not isinstance(content, dict) or _KEYS[name] not in content:
+    of_its_kind = isinstance(content, dict) and _KEYS[name] in content
+    if not (of_its_kind or (name == "machine.yaml" and _is_urdf(data))):
         raise InputError(
             f"{path} is not recorded: expected a {name} (YAML with the key '{_KEYS[name]}')."
         )
     return FileToRecord(data=data, mode=stat.S_IMODE(path.stat().st_mode))
+
+
+def _is_urdf(data: bytes) -> bool:
+    start = data[:4096].removeprefix(b"\xef\xbb\xbf").lstrip()
+    return start.startswith(b"<") and b"<robot" in start

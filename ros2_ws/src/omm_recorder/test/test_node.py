@@ -464,17 +464,15 @@ uncertainty: {stop_sigma_mm: 0.001, geometry_sigma_mm: 0.0}
 """
 
 
-@pytest.mark.parametrize("declared", [False, True])
 def test_the_live_estimator_fed_by_a_replay_comes_to_the_recorded_result(
-    node: Any, start: Any, bench: Path, tmp_path: Path, declared: bool
+    node: Any, start: Any, bench: Path, tmp_path: Path
 ) -> None:
     from omm_interfaces.msg import PartEstimate
 
     files = {"part_file": bench / "part.yaml", "calibration_file": bench / "camera.yaml"}
     machine = tmp_path / "mill.yaml"
     machine.write_text(MACHINE)
-    if declared:
-        files["machine_file"] = machine
+    files["machine_file"] = machine
     recorder = start("node", folder=tmp_path / "run", compression="none")
     start("node", package="omm_estimator", **files)
     images = len(recorded(bench, IMAGES))
@@ -509,10 +507,9 @@ def test_the_live_estimator_fed_by_a_replay_comes_to_the_recorded_result(
     assert [float(v) / u for v, u in zip(solution.theta, unit)] == live
     told = [float(value) for value in estimates[-1].expanded_uncertainty]
     assert [float(v) / u for v, u in zip(solution.expanded_uncertainty, unit)] == told
-    assert (solved.machine is not None) == declared  # it was recorded with the run
-    assert estimates[-1].geometry_declared == declared
-    options = SolveRunOptions(machine_file=machine) if declared else None
-    again = solve_run(bench, options).result.to_json_dict()
+    assert solved.machine is not None  # it was recorded with the run
+    assert estimates[-1].geometry_declared
+    again = solve_run(bench, SolveRunOptions(machine_file=machine)).result.to_json_dict()
     assert solved.result.to_json_dict() == again
 
 
