@@ -114,14 +114,20 @@ def recognise(words: str) -> Said:
 
 @functools.cache
 def _patterns() -> tuple[tuple[str, re.Pattern[str]], ...]:
-    """Return the templates of what nodes say, those with the most words first."""
+    """Return the templates of what nodes say: first those that begin with the most words."""
     templates = [
         (key, template)
         for key, template in catalogue("en").items()
         if key.startswith("said.") and key != VERBATIM
     ]
-    templates.sort(key=lambda entry: -len(_PLACEHOLDER.sub("", entry[1])))
+    templates.sort(key=lambda entry: (-_begins(entry[1]), -len(_PLACEHOLDER.sub("", entry[1]))))
     return tuple((key, _pattern(template)) for key, template in templates)
+
+
+def _begins(template: str) -> int:
+    """Return how many characters stand before the first argument."""
+    found = _PLACEHOLDER.search(template)
+    return len(template) if found is None else found.start()
 
 
 def _pattern(template: str) -> re.Pattern[str]:
