@@ -27,4 +27,5 @@ def test_targets_in_plain_sight_are_found_wherever_the_pixels_fall() -> None:
         assert np.hypot(*(found[row["photo"]][int(row["id"])] - place)) < 5.0, row
     classes = [row["class"] for row in seen]
     assert classes.count("plain sight") == 1052
-    assert classes.count("clear") >= 7  # of 20: the others are still to be found
+    assert classes.count("clear") >= 19  # of 20
+    assert classes.count("uneven") >= 8  # of 18: in the others the beam's edge lies on the dot

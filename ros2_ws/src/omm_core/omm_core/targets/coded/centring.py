@@ -30,6 +30,9 @@ SMALL_PX = 8.0
 """Smaller semi-axis below which light is looked at again when the dot has been fitted."""
 MAX_MISFIT = 4.0
 """χ² per degree of freedom from which on it is not noise alone; the covariance grows with it."""
+UNEVEN_SHARE = 0.06
+"""Error of a centre (dot radii) where light falls by all of the contrast over a dot's radius; it
+grows with the square (drawn: 0.045 px where exponential light halves over 8 px)."""
 MAX_RESIDUAL = 0.06
 """RMS of the residuals, of the contrast, from which on something lies on the dot. Below, misfit
 comes from what the camera does to edges (sharpening, JPEG), which is the same on all sides."""
@@ -133,8 +136,14 @@ def _judge(
             shape, "something lies on the dot or shines on it: its centre cannot be trusted"
         )
     # What the dot itself shows of the noise counts: it grew by misfit, or was thought too large.
-    covariance = covariance * max(misfit, 0.2)
+    covariance = covariance * max(misfit, 0.2) + np.eye(2) * _of_the_light(p) ** 2
     return _result(reading, p[:5], covariance, p[5], abs(p[6] - p[9]))
+
+
+def _of_the_light(p: Floats) -> float:
+    """Standard deviation of the centre, px, for light that falls otherwise than as a plane."""
+    fall = math.hypot(p[7], p[8]) / abs(p[6] - p[9])
+    return UNEVEN_SHARE * fall**2 * radius(p)
 
 
 def _result(

@@ -40,7 +40,7 @@ class DetectionOptions:
     """
 
     polarity: str = "both"
-    min_contrast_dn: float = 20.0
+    min_contrast_dn: float = 6.0
     max_diameter_px: float = 400.0
     max_candidates: int = 2000
     centring: str = "fit"
@@ -123,8 +123,8 @@ def _search(image: Image, family: TargetFamily, options: DetectionOptions) -> ND
     found = np.empty((options.max_candidates, 6))
     count = find_dots(
         half,
-        max(int(0.5 * options.min_contrast_dn * unit), 3),
-        max(int(0.6 * options.min_contrast_dn * unit), 4),
+        max(round(0.5 * options.min_contrast_dn * unit), 2),
+        max(int(0.6 * options.min_contrast_dn * unit), 3),
         int(0.5 * options.max_diameter_px),
         0.5 * (1.0 + family.ring_inner_ratio),
         family.read_ratio,

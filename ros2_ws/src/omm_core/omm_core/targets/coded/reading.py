@@ -137,13 +137,14 @@ def expected_profile(a11, a12, a22, inner, outer, bits, phase, s, radii, count):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def read_ring(image, shape, lean, inner, outer, bits_count):
+def read_ring(image, shape, lean, light, inner, outer, bits_count):
     """Read the ring around a dot and everything that speaks for or against it.
 
     Parameters
     ----------
     shape : (9,) from `outline`.
     lean : (2,) the perspective's share, see `ring_profile`.
+    light : (3,) how light falls around the ring, see `uneven`; zeros where it does not.
 
     Returns
     -------
@@ -168,7 +169,15 @@ def read_ring(image, shape, lean, inner, outer, bits_count):
         if math.isnan(ring[i]):
             facts[0] = math.nan
             return bits, facts
-        ring[i] = (ring[i] - base) / height
+    heights = np.empty(count)
+    even = light[0] == 0.0 and light[1] == 0.0 and light[2] == 0.0
+    for i in range(count):
+        heights[i] = height
+        if not even:
+            angle = 2.0 * math.pi * (i + 0.5) / count
+            fall = light[0] + light[1] * math.cos(angle) + light[2] * math.sin(angle)
+            heights[i] = height * math.exp(fall)
+        ring[i] = (ring[i] - base) / heights[i]
     values, phase = read_bits(ring, n)
     bits[:] = 1
     places = np.int64(16)
@@ -204,7 +213,7 @@ def read_ring(image, shape, lean, inner, outer, bits_count):
     at[0] = 1.0 + 0.5 * (inner - 1.0)
     gap = ring_profile(image, col, row, a11, a12, a22, lean[0], lean[1], at, count)
     for i in range(count):
-        facts[4] = max(facts[4], abs(gap[i] - base) / height)
+        facts[4] = max(facts[4], abs(gap[i] - base) / heights[2 * i])
     # Where the dot is saturated, all that is bright looks wider, by up to about s.
     highest = 254.5 if image.itemsize == 1 else 65534.5
     wider = s / math.sqrt(a11 * a22 - a12 * a12) if not 0.5 < shape[5] < highest else 0.0
@@ -218,7 +227,7 @@ def read_ring(image, shape, lean, inner, outer, bits_count):
         side = min(place, 1)
         for i in range(count):
             if not math.isnan(seen[i]):
-                rest = (seen[i] - base) / height - expected[i]
+                rest = (seen[i] - base) / heights[2 * i] - expected[i]
                 still[side, i] = min(still[side, i], rest)
     for side in range(2):
         on = total = 0.0
@@ -274,7 +283,7 @@ def read_candidates(image, candidates, inner, outer, bits_count):
     against = np.empty(n, dtype=np.int64)
     rings = np.empty((n, 5))
     count = good = np.int64(0)
-    straight = np.zeros(2)
+    straight, even = np.zeros(2), np.zeros(3)
     for i in range(n):
         if within_any(rings, good, candidates[i, 0], candidates[i, 1], outer):
             continue
@@ -282,7 +291,7 @@ def read_candidates(image, candidates, inner, outer, bits_count):
         if not ok:
             continue
         dots[count] = i
-        ring_bits, ring_facts = read_ring(image, shape, straight, inner, outer, bits_count)
+        ring_bits, ring_facts = read_ring(image, shape, straight, even, inner, outer, bits_count)
         for k in range(9):
             shapes[count, k] = shape[k]
         for k in range(8):

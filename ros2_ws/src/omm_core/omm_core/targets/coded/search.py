@@ -85,8 +85,8 @@ def find_dots(half, step, contrast, max_run, gap_ratio, read_ratio, found):
                 )
             if 3 * abs(peak) >= abs(strong) or x - strong_x > max_run:
                 strong_x, strong = x, peak
-        # On rough ground more must be asked of an edge, up to twice as much.
-        step = min(step + 2, 2 * least_step) if edges > width >> 5 else max(step - 1, least_step)
+        # On rough ground more must be asked of an edge, up to three times as much.
+        step = min(step + 2, 3 * least_step) if edges > width >> 5 else max(step - 1, least_step)
         contrast = least_contrast * step // least_step
     return count
 

@@ -1,0 +1,62 @@
+"""A target that one side of the light leaves dark is read as it is, with a wider covariance."""
+
+import numpy as np
+import pytest
+from target_scenes import as_seen, target_image
+
+from omm_core.targets import detect_targets
+from omm_core.targets.coded.families import TargetFamily
+
+FAMILY = TargetFamily.by_name("aicon14")
+DIAMETER_PX = 16.0
+
+
+def scene(rng, target_id, fall, faint=1.0):
+    """A bright target under light that falls exponentially, `fall` of the logarithm to the ring."""
+    image, centre = target_image(
+        rng, target_id=target_id, name="aicon14", diameter_px=DIAMETER_PX, blur_px=0.8
+    )
+    rows, cols = np.mgrid[: image.shape[0], : image.shape[1]]
+    angle = rng.uniform(0, 2 * np.pi)
+    along = (cols - centre[0]) * np.cos(angle) + (rows - centre[1]) * np.sin(angle)
+    ring_px = 0.5 * DIAMETER_PX * 0.5 * (FAMILY.ring_inner_ratio + FAMILY.ring_outer_ratio)
+    light = np.exp(fall * along / ring_px)
+    return as_seen(rng, 0.5 * faint * image * light, read_dn=0.7), centre
+
+
+@pytest.mark.parametrize("fall", [0.3, 0.6])
+def test_no_number_is_misread_and_most_are_read(fall):
+    rng = np.random.default_rng(round(100 * fall))
+    read, normalised = 0, []
+    for target_id in range(1, 81):
+        image, centre = scene(rng, target_id, fall)
+        for target in detect_targets(image, FAMILY).targets:
+            assert target.id == target_id
+            read += 1
+            off = target.center_px - centre
+            normalised.append(off @ np.linalg.solve(target.covariance_px2, off))
+    assert read >= 72
+    assert np.mean(normalised) < 2.0 * 1.6  # two coordinates
+
+
+def test_the_covariance_grows_with_the_fall():
+    rng = np.random.default_rng(3)
+    widths = []
+    for fall in (0.0, 0.6):
+        found = [
+            t
+            for target_id in range(1, 31)
+            for t in detect_targets(scene(rng, target_id, fall)[0], FAMILY).targets
+        ]
+        widths.append(np.median([np.trace(t.covariance_px2) for t in found]))
+    assert widths[1] > 2.0 * widths[0]
+
+
+def test_a_faint_target_is_found():
+    """A contrast of 10 grey values of 255, above a noise of less than one."""
+    rng = np.random.default_rng(5)
+    found = sum(
+        [t.id for t in detect_targets(scene(rng, i, 0.0, faint=0.14)[0], FAMILY).targets] == [i]
+        for i in range(1, 41)
+    )
+    assert found >= 38
