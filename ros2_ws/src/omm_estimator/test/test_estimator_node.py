@@ -123,6 +123,11 @@ def test_a_new_clamping_and_another_part_forget_the_images(
     wrong = bench.call(LoadPart, "/estimator/load_part", LoadPart.Request(part_file="nowhere"))
     assert not wrong.success  # type: ignore[attr-defined]
     assert "nowhere" in wrong.message  # type: ignore[attr-defined]
+    secret = tmp_path / "shadow"
+    secret.write_text("root:$6$salt$hash:19000:0:99999:7:::\n")
+    wrong = bench.call(LoadPart, "/estimator/load_part", LoadPart.Request(part_file=str(secret)))
+    assert not wrong.success  # type: ignore[attr-defined]
+    assert "$6$" not in wrong.message  # type: ignore[attr-defined]
     other = tmp_path / "other.yaml"
     other.write_text((tmp_path / "part.yaml").read_text().replace("name: bench", "name: gantry"))
     right = bench.call(LoadPart, "/estimator/load_part", LoadPart.Request(part_file=str(other)))
