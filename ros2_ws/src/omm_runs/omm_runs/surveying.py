@@ -36,9 +36,8 @@ def survey(path: Path) -> SurveyResult:
             " alone do not tell how large things are."
         )
     seen = look_at_all(given.photos, given.target_family)
-    size = (
-        given.size_px or Counter(s.size_px for s in seen if s.problem is None).most_common(1)[0][0]
-    )
+    readable = [s.size_px for s in seen if s.problem is None] or [(1, 1)]
+    size = given.size_px or Counter(readable).most_common(1)[0][0]
     left_out = _left_out(given, seen, size)
     focal = given.focal_length_px or focal_length_px(given.photos, size)
     taken = {n: s for n, s in enumerate(seen) if n not in left_out}

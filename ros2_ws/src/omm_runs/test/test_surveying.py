@@ -104,6 +104,17 @@ def test_photographs_of_nothing_end_in_words(tmp_path):
         survey(tmp_path)
 
 
+def test_photographs_that_cannot_be_read_end_in_words(tmp_path):
+    for i in range(3):
+        (tmp_path / f"{i}.jpg").write_bytes(b"\xff\xd8 no picture")
+    (tmp_path / "survey.yaml").write_text(
+        "photos: '*.jpg'\ntarget_family: aicon12\n"
+        "scale_bars: [{ends: [1, 2], length_mm: 100, sigma_mm: 0.01}]\n"
+    )
+    with pytest.raises(MeasurementError, match="cannot be read"):
+        survey(tmp_path)
+
+
 def test_an_orientation_tag_turns_nothing_and_exif_tells_the_focal_length(tmp_path):
     exif = Image.Exif()
     exif[0x0112] = 6  # turn by 90 degrees
