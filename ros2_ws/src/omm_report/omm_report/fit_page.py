@@ -126,11 +126,11 @@ function show() {
     gl.shaderSource(shader, text); gl.compileShader(shader); gl.attachShader(program, shader);
   };
   add(gl.VERTEX_SHADER, `attribute vec3 place, normal, colour; uniform mat3 turn;
-    uniform float zoom, aspect, lift; varying vec3 shade;
+    uniform float zoom, aspect; uniform mediump float lift; varying vec3 shade;
     void main() { vec3 p = turn * place * zoom; float light = .5 + .5 * abs((turn * normal).z);
       shade = colour * (lift > 0. ? 1. : light); gl_PointSize = 9.;
       gl_Position = vec4(p.x / aspect, p.y, -p.z * .2 - lift, 1.); }`);
-  add(gl.FRAGMENT_SHADER, `precision mediump float; varying vec3 shade; uniform float lift;
+  add(gl.FRAGMENT_SHADER, `precision mediump float; varying vec3 shade; uniform mediump float lift;
     void main() { vec2 q = gl_PointCoord - .5; float r = length(q);
       if (lift > 0. && r > .5) discard;
       gl_FragColor = vec4(lift > 0. && r > .32 ? vec3(0.) : shade, 1.); }`);
