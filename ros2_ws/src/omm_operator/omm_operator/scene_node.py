@@ -13,6 +13,7 @@ from visualization_msgs.msg import MarkerArray  # type: ignore[import-untyped]
 
 from omm_core.errors import InputError
 from omm_core.files.machine import load_machine
+from omm_core.files.outside import read_text
 from omm_core.files.part import load_part
 from omm_core.imaging.calibration import load_calibration
 from omm_operator.conversions import estimate_fact
@@ -87,11 +88,7 @@ class SceneNode(Node):
 
 
 def _urdf(machine_file: Path) -> str:
-    path = load_machine(machine_file).urdf
-    try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"Expected a URDF at {path}: {error}.") from error
+    return read_text(load_machine(machine_file).urdf, "URDF")
 
 
 def main(args: list[str] | None = None) -> int:
