@@ -22,6 +22,9 @@ REAL_DEVICES = (
     "test_linuxcnc",
     "test_faults_over_dds",
     "test_measuring_program",
+    "test_work_offsets",
+    "test_blind_part",
+    "test_operators_page",
 )
 
 

@@ -9,7 +9,7 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point
 from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA
-from visualization_msgs.msg import Marker, MarkerArray  # type: ignore[import-untyped]
+from visualization_msgs.msg import Marker, MarkerArray
 
 from omm_core.files.part import Part
 from omm_core.geometry import RigidTransform, quaternion_xyzw_from_rotation

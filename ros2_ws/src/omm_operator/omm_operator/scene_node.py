@@ -9,7 +9,7 @@ from omm_interfaces.msg import PartEstimate, SpindleState
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from visualization_msgs.msg import MarkerArray  # type: ignore[import-untyped]
+from visualization_msgs.msg import MarkerArray
 
 from omm_core.errors import InputError
 from omm_core.files.machine import load_machine

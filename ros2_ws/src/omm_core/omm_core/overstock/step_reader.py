@@ -41,20 +41,17 @@ def step_reader(root: Path | None) -> Any:
 
 
 def _install(lock: Path) -> None:
+    """Install with pip, whose lines are the progress: its own bar needs a terminal or a new pip."""
     print("omm: installing the reader for STEP (once, 28 MB) …", file=sys.stderr, flush=True)
     command = [sys.executable, "-I", "-m", "pip", "install", "--no-deps", "--require-hashes"]
-    command += ["--progress-bar", "raw", "--disable-pip-version-check", "-r", str(lock)]
+    command += ["--progress-bar", "off", "--disable-pip-version-check", "-r", str(lock)]
     last = "pip failed"
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
     ) as pip:
         for line in pip.stdout or ():
-            words = line.split()
-            if len(words) == 4 and words[0] == "Progress" and words[3] != "0":
-                share = 100 * int(words[1]) // int(words[3])
-                print(f"\r  {share:3d} %", end="", file=sys.stderr, flush=True)
-            elif words:
+            if line.strip():
                 last = line.strip()
-    print(file=sys.stderr)
+                print(f"  {last}", file=sys.stderr, flush=True)
     if pip.returncode != 0:
         raise InputError(f"The reader for STEP cannot be installed ({last}). Give the CAD as STL.")
