@@ -515,12 +515,14 @@ def test_the_live_estimator_fed_by_a_replay_comes_to_the_recorded_result(
 
 def test_solving_again_uses_every_parameter_of_the_estimator() -> None:
     """All away from their defaults: what is not taken over comes out different."""
+    from omm_core.files.machine import MachineUncertainty
     from omm_estimator.parameters import Parameters
 
     values = {
         "model": "6d",
         "gamma_s_rad": 1e-4,
         "machine_sigma_mm": 0.002,
+        "worst_machine_mm": 0.2,
         "standstill_tolerance_mm": 0.007,
         "standstill_tolerance_rad": 3e-5,
         "standstill_window_s": 0.2,
@@ -530,11 +532,13 @@ def test_solving_again_uses_every_parameter_of_the_estimator() -> None:
         "centring": "outline",
     }
     used = {f.name for f in dataclasses.fields(Parameters)} - {
-        *("part_file", "calibration_file", "part_frame", "frame_prefix", "publish_tf", "network")
+        *("part_file", "calibration_file", "part_frame", "frame_prefix", "publish_tf", "network"),
+        "machine_file",  # attached to the recording, as the part is
     }
     assert set(values) == used
-    assert options_from(values) == Parameters(**values).measurement_options()
-    assert options_from({}) == Parameters().measurement_options()
+    exact = MachineUncertainty()
+    assert options_from(values) == Parameters(**values).measurement_options(exact)
+    assert options_from({}) == Parameters().measurement_options(exact)
 
 
 def spin_until_taken(node: Any, listener: Listener, number: int) -> None:

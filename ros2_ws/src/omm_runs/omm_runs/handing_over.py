@@ -1,7 +1,7 @@
 """A pose, given or out of a recording, in a control's own words."""
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -78,8 +78,6 @@ def _measured(options: HandoverOptions, run: Path) -> tuple[tuple[float, ...], P
         "calibration_file": options.calibration_file,
     }
     if options.machine_file is not None:
-        if "machine_file" not in {field.name for field in fields(SolveRunOptions)}:
-            raise InputError("--machine: solving a recording takes no machine file yet.")
         chosen["machine_file"] = options.machine_file
     solved = solve_run(run, SolveRunOptions(**chosen))
     result = solved.result
