@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import sys
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +16,7 @@ from omm_core.files.outside import read_bytes
 from omm_core.survey.sighting import sighting_of_target
 from omm_core.targets import DetectedTarget, TargetFamily, detect_targets
 from omm_core.targets.plain import PlainDot, PlainOptions, find_plain_dots
+from omm_runs.spreading import spread
 
 Array = NDArray[np.float64]
 
@@ -61,17 +60,14 @@ def read_photograph(path: Path) -> NDArray[Any]:
 
 def look_at_all(photos: tuple[Path, ...], family: str) -> list[Seen]:
     """Return what each photograph shows, on all cores, with progress on the screen."""
-    found: list[Seen] = []
-    jobs = [(photo, family) for photo in photos]
     shown = sys.stderr.isatty()
-    with ProcessPoolExecutor(len(os.sched_getaffinity(0))) as pool:
-        for number, seen in enumerate(pool.map(_look, jobs), start=1):
-            found.append(seen)
-            if shown:
-                print(f"\r  photograph {number} of {len(photos)}", end="", file=sys.stderr)
-    if shown:
-        print(file=sys.stderr)
-    return found
+
+    def tell(done: int, total: int) -> None:
+        if shown:
+            end = "\n" if done == total else ""
+            print(f"\r  photograph {done} of {total}", end=end, file=sys.stderr, flush=True)
+
+    return spread(_look, [(photo, family) for photo in photos], progress=tell)
 
 
 def _look(job: tuple[Path, str]) -> Seen:
