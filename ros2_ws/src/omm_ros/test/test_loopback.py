@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from omm_ros.transport import network_is_asked_for
+from omm_ros.transport import PROFILE_VARIABLES, network_is_asked_for
 
 CONFIG = Path(__file__).parents[1] / "config"
 SPEAK = """
@@ -48,9 +48,12 @@ print(len(heard))
 def in_namespace(pid: int, words: list[str], **environment: str) -> "subprocess.Popen[str]":
     # The shared memory of DDS would join the two: each gets a /dev/shm of its own.
     enter = ["nsenter", "-t", str(pid), "-n", "-m"]
+    # Other tests have prepared this process already; the two machines begin afresh.
+    ours = (*PROFILE_VARIABLES, "OMM_NETWORK")
+    fresh = {name: value for name, value in os.environ.items() if name not in ours}
     return subprocess.Popen(
         [*enter, *words],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p), **environment},
+        env={**fresh, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p), **environment},
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,
