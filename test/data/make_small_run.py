@@ -12,14 +12,13 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from omm_core.files.part import load_part
 from omm_core.targets import detect_targets
 from omm_core.targets.coded.families import TargetFamily
 from omm_recording.reading import Recording
-from omm_recording.rosbag2_format import TopicQos
-from omm_recording.writing import RecordingOptions, RecordingWriter, TopicToRecord
 
 KEPT = ("part.yaml", "camera.yaml", "truth.json")
 AROUND = 3.5  # in diameters of the dot: the ring's edge lies at 1.5, the rest is background
@@ -34,27 +33,28 @@ def main(source: Path, target: Path) -> None:
     family = TargetFamily.by_name(load_part(source / "part.yaml").target_family)
     store = get_typestore(Stores.ROS2_JAZZY)
     recording = Recording(source)
-    (target / "run.mcap").unlink(missing_ok=True)
-    writer = RecordingWriter(target / "run.mcap", RecordingOptions(compression="zstd"))
-    for name in (IMAGE, POSE):
-        kind = recording.topics[name].type_name
-        writer.add_topic(
-            TopicToRecord(
-                name=name,
-                type_name=kind,
-                definition=store.generate_msgdef(kind, ros_version=2)[0],
-                type_hash=store.hash_rihs01(kind),
-                qos=TopicQos(depth=100),
+    # With a library that is not ours: it is a run of somebody else, without our seal.
+    with (target / "run.mcap").open("wb") as file:
+        writer = Writer(file, compression=CompressionType.ZSTD)
+        writer.start(profile="ros2", library="")
+        channels = {}
+        for name in (IMAGE, POSE):
+            kind = recording.topics[name].type_name
+            definition = store.generate_msgdef(kind, ros_version=2)[0].encode()
+            schema = writer.register_schema(kind, "ros2msg", definition)
+            channels[name] = writer.register_channel(name, "cdr", schema)
+        for number, message in enumerate(recording.messages((IMAGE, POSE))):
+            data = bytes(message.data)
+            if message.topic == IMAGE:
+                data = _only_targets(data, family, store)
+            writer.add_message(
+                channels[message.topic],
+                message.log_time_ns,
+                data,
+                message.publish_time_ns,
+                sequence=number,
             )
-        )
-    for number, message in enumerate(recording.messages((IMAGE, POSE))):
-        data = bytes(message.data)
-        if message.topic == IMAGE:
-            data = _only_targets(data, family, store)
-        time_ns = message.log_time_ns
-        writer.write(message.topic, number, time_ns, message.publish_time_ns, data)
-    writer.close({"ended_because": "stopped"})
-    (target / "metadata.yaml").unlink()
+        writer.finish()
 
 
 def _only_targets(data: bytes, family: TargetFamily, store: object) -> bytes:
