@@ -61,6 +61,32 @@ def camera_yaml(
     return str(text)
 
 
+def lens_yaml(
+    *,
+    name: str,
+    width_px: int,
+    height_px: int,
+    intrinsics: Mapping[str, float],
+    source: str,
+    largest_error_px: float,
+) -> str:
+    """Return the lens block of camera.yaml (plumb_bob), and what must be added as comments."""
+    import yaml
+
+    content = {
+        "camera": {"name": name, "width_px": width_px, "height_px": height_px},
+        "model": "plumb_bob",
+        "intrinsics": dict(intrinsics),
+        "calibration": {"imported_from": source, "largest_error_px": largest_error_px},
+    }
+    text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=1000)
+    return (
+        f"{text}# Missing: where the camera sits in the tool holder. Replace the question marks:\n"
+        "# taper_to_camera:\n#   translation_mm: [?, ?, ?]\n#   euler_xyz_rad: [?, ?, ?]\n"
+        "# Missing: the covariance (docs/calibration.md). Without it the lens counts as exact.\n"
+    )
+
+
 def write_camera(path: Path, text: str) -> None:
     """Write camera.yaml whole or not at all."""
     write_whole(path, text)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omm_core.errors import InputError
+from omm_core.files.foreign_calibration import refuse_foreign
 from omm_core.files.yaml_input import YamlSection, read_yaml
 from omm_core.geometry import RigidTransform
 from omm_core.imaging.lens import BrownPhotogrammetric, Lens, PlumbBob, check_lens
@@ -128,6 +129,7 @@ def load_calibration(path: str | Path) -> CameraCalibration:
     InputError
         Where the file is missing, malformed, names an unknown model, or its lens cannot be.
     """
+    refuse_foreign(path)
     root = read_yaml(path, "calibration file")
     root.warn_unknown(*_FILE_KEYS)
     camera = root.section("camera")

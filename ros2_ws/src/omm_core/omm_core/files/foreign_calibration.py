@@ -1,0 +1,302 @@
+"""Recognise and read camera calibrations of other programs, by what they are.
+
+| program | file | pixel (0, 0) | lens |
+|---|---|---|---|
+| ROS | ``ost.yaml``, ``ost.ini``, a printed CameraInfo | first pixel's centre | OpenCV's, fisheye |
+| OpenCV | FileStorage as YAML, XML, JSON | the same | OpenCV's, fisheye |
+| Kalibr | ``camchain.yaml`` | the same | radtan, equi, fov |
+| Metashape | calibration XML | corner of the image | OpenCV's radial, P1 and P2 swapped |
+
+None of them knows where the camera sits in the tool holder.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omm_core.errors import InputError
+
+Array = NDArray[np.float64]
+
+_LARGEST_BYTES = 20 << 20
+_TILT_TERMS = 12  # OpenCV's coefficients 13 and 14 tilt the sensor
+_KINDS = (
+    ("OpenCV (FileStorage)", r"^%YAML|<opencv_storage>|!!opencv-matrix|\"opencv-matrix\""),
+    ("Metashape", r"<calibration[\s>][\s\S]*<projection>"),
+    ("ROS (ost.ini)", r"^# oST version|^camera matrix\s*$"),
+    ("Kalibr", r"^cam\d+\s*:[\s\S]*(camera_model|distortion_model)\s*:"),
+    ("ROS (ost.yaml)", r"^camera_matrix\s*:[\s\S]*^distortion_(model|coefficients)\s*:"),
+    ("ROS (ost.yaml)", r"^distortion_(model|coefficients)\s*:[\s\S]*^camera_matrix\s*:"),
+    ("ROS (CameraInfo)", r"^distortion_model\s*:[\s\S]*^[kK]\s*:"),
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ForeignCalibration:
+    """A lens as another program wrote it, in omm's pixels.
+
+    Attributes
+    ----------
+    source, name : str
+        The program; the camera, for people.
+    width_px, height_px : int
+    matrix : (3, 3) array
+        From distorted normalised coordinates to pixels; (0, 0) is the first pixel's centre.
+    model : str
+        ``opencv``, ``equidistant`` (OpenCV's fisheye) or ``fov``.
+    coefficients : tuple of float
+        In OpenCV's order: k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4; k1..k4 of the fisheye; w of fov.
+    radial_8 : float
+        Metashape's fourth radial coefficient, of r⁸.
+    """
+
+    source: str
+    name: str
+    width_px: int
+    height_px: int
+    matrix: Array
+    model: str
+    coefficients: tuple[float, ...]
+    radial_8: float = 0.0
+    findings: tuple[str, ...] = field(default=())
+
+
+def foreign_source(text: str) -> str | None:
+    """Return whose calibration a text is, or None where it is none that is known."""
+    return next((name for name, sign in _KINDS if re.search(sign, text, re.MULTILINE)), None)
+
+
+def refuse_foreign(path: str | Path) -> None:
+    """Raise InputError where a file is another program's calibration: say whose, and what to do."""
+    try:
+        path = Path(path)
+        if not path.is_file() or path.stat().st_size > _LARGEST_BYTES:
+            return
+        source = foreign_source(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return  # the reader of camera.yaml tells what is wrong with it
+    if source is not None:
+        raise InputError(
+            f"{path} is a calibration of {source}: it holds a lens, but not where the camera sits"
+            f" in the tool holder (taper_to_camera). './omm calibrate --import {path} --out"
+            " camera.yaml' takes the lens and says what is missing; docs/calibration.md shows"
+            " camera.yaml."
+        )
+
+
+def read_foreign(path: str | Path) -> ForeignCalibration:
+    """Read a calibration of ROS, OpenCV, Kalibr or Metashape.
+
+    Raises
+    ------
+    InputError
+        Where the file is none of these, is malformed, or its lens is of an unknown kind.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:
+        raise InputError(f"The calibration {path} cannot be read: {error}.") from None
+    source = foreign_source(text)
+    if source is None:
+        raise InputError(
+            f"{path}: expected a calibration of ROS (ost.yaml, ost.ini), OpenCV (FileStorage),"
+            " Kalibr (camchain.yaml) or Metashape (XML), got a file that is none of them."
+        )
+    try:
+        if source == "Metashape":
+            return _metashape(text)
+        if source == "ROS (ost.ini)":
+            return _ini(text)
+        values = _opencv_xml(text) if "<opencv_storage>" in text else _yaml(text)
+        return _kalibr(values) if source == "Kalibr" else _matrices(source, values)
+    except InputError as error:
+        raise InputError(f"{path}, a calibration of {source}: {error}") from None
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        words = f"the key {error} is missing" if isinstance(error, KeyError) else str(error)
+        raise InputError(f"{path}, a calibration of {source}, is malformed: {words}.") from None
+
+
+def _yaml(text: str) -> dict[str, Any]:
+    import yaml
+
+    text = re.sub(r"^%YAML[^\n]*\n", "", text.lstrip("\ufeff"))
+    try:
+        loaded = yaml.safe_load(re.sub(r"!!opencv-(nd-)?matrix", "", text))
+    except yaml.YAMLError as error:
+        raise InputError(f"it is not YAML: {' '.join(str(error).split())}.") from None
+    if not isinstance(loaded, dict):
+        raise InputError("expected keys with values.")
+    return loaded
+
+
+def _opencv_xml(text: str) -> dict[str, Any]:
+    root = _xml(text)
+    return {
+        child.tag: {"data": (child.findtext("data") or "").split()}
+        if child.find("data") is not None
+        else (child.text or "").strip()
+        for child in root
+    }
+
+
+def _xml(text: str) -> Any:
+    from xml.etree import ElementTree
+
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise InputError("expected plain XML, got one with a document type.")
+    try:
+        return ElementTree.fromstring(text.encode())
+    except ElementTree.ParseError as error:
+        raise InputError(f"it is not XML: {error}.") from None
+
+
+def _metashape(text: str) -> ForeignCalibration:
+    root = _xml(text)
+    root = root if root.tag == "calibration" else root.find(".//calibration")
+    projection = (root.findtext("projection") or "").strip()
+    if projection != "frame":
+        raise InputError(f"expected the projection 'frame', got '{projection}'.")
+    names = ("f", "cx", "cy", "b1", "b2", "k1", "k2", "k3", "k4", "p1", "p2", "p3", "p4")
+    value = {name: float(root.findtext(name) or 0.0) for name in names}
+    if value["p3"] or value["p4"]:
+        raise InputError("expected P3 and P4 to be 0; they are not understood.")
+    width, height = int(root.findtext("width")), int(root.findtext("height"))
+    # Metashape's pixel (0, 0) is the image's corner, and cx, cy are from the image's middle.
+    col, row = (width - 1) / 2 + value["cx"], (height - 1) / 2 + value["cy"]
+    return _foreign(
+        source="Metashape",
+        name="",
+        size=(width, height),
+        matrix=[[value["f"] + value["b1"], value["b2"], col], [0.0, value["f"], row], [0, 0, 1]],
+        model="opencv",
+        coefficients=[value[name] for name in ("k1", "k2", "p2", "p1", "k3")],
+        radial_8=value["k4"],
+    )
+
+
+def _ini(text: str) -> ForeignCalibration:
+    def block(name: str, lines: int) -> list[float]:
+        found = re.search(rf"^{name}\s*\n((?:[^\n]*\n?){{{lines}}})", text, re.MULTILINE)
+        if found is None:
+            raise KeyError(name)
+        return [float(word) for word in found.group(1).split()]
+
+    sections = [s for s in re.findall(r"^\[(.+)\]", text, re.MULTILINE) if s != "image"]
+    distortion = block("distortion", 1)
+    return _foreign(
+        source="ROS (ost.ini)",
+        name=sections[0] if sections else "",
+        size=(int(block("width", 1)[0]), int(block("height", 1)[0])),
+        matrix=np.reshape(block("camera matrix", 3), (3, 3)),
+        model="opencv",
+        coefficients=distortion,
+    )
+
+
+def _matrices(source: str, values: dict[str, Any]) -> ForeignCalibration:
+    """Read what ROS and OpenCV write."""
+    matrix = _first(values, ("camera_matrix", "Camera_Matrix", "cameraMatrix", "k", "K"))
+    distortion = _first(
+        values,
+        ("distortion_coefficients", "Distortion_Coefficients", "distCoeffs", "dist_coeffs",
+         "d", "D"),
+    )  # fmt: skip
+    width = _first(values, ("image_width", "image_Width", "width"))
+    height = _first(values, ("image_height", "image_Height", "height"))
+    told = str(values.get("distortion_model", "plumb_bob"))
+    fisheye = told in ("equidistant", "fisheye") or bool(float(values.get("fisheye_model", 0)))
+    if not fisheye and told not in ("plumb_bob", "rational_polynomial"):
+        raise InputError(
+            "expected the distortion_model plumb_bob, rational_polynomial or equidistant,"
+            f" got '{told}'."
+        )
+    return _foreign(
+        source=source,
+        name=str(values.get("camera_name", "")),
+        size=(int(width), int(height)),
+        matrix=np.reshape(_data(matrix), (3, 3)),
+        model="equidistant" if fisheye else "opencv",
+        coefficients=_data(distortion),
+    )
+
+
+def _first(values: dict[str, Any], names: tuple[str, ...]) -> Any:
+    for name in names:
+        if name in values:
+            return values[name]
+    raise KeyError(names[0])
+
+
+def _data(matrix: Any) -> list[float]:
+    data = matrix["data"] if isinstance(matrix, dict) else matrix
+    return [float(v) for v in np.ravel(np.array(data, dtype=float))]
+
+
+def _kalibr(values: dict[str, Any]) -> ForeignCalibration:
+    names = sorted(name for name in values if re.fullmatch(r"cam\d+", name))
+    cam = values[names[0]]
+    if cam.get("camera_model", "pinhole") != "pinhole":
+        raise InputError(f"expected the camera_model pinhole, got '{cam['camera_model']}'.")
+    models = {"radtan": "opencv", "equidistant": "equidistant", "equi": "equidistant", "fov": "fov"}
+    told = str(cam.get("distortion_model", "none"))
+    if told not in (*models, "none"):
+        raise InputError(f"expected the distortion_model radtan, equi or fov, got '{told}'.")
+    fx, fy, cx, cy = (float(v) for v in cam["intrinsics"])
+    width, height = (int(v) for v in cam["resolution"])
+    others = f"{names[0]} is taken, not {', '.join(names[1:])}" if len(names) > 1 else ""
+    return _foreign(
+        source="Kalibr",
+        name=names[0],
+        size=(width, height),
+        matrix=[[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]],
+        model=models.get(told, "opencv"),
+        coefficients=cam.get("distortion_coeffs", []) if told != "none" else [],
+        findings=(others,) if others else (),
+    )
+
+
+def _foreign(
+    *,
+    source: str,
+    name: str,
+    size: tuple[int, int],
+    matrix: Any,
+    model: str,
+    coefficients: Any,
+    radial_8: float = 0.0,
+    findings: tuple[str, ...] = (),
+) -> ForeignCalibration:
+    matrix = np.array(matrix, dtype=float)
+    values = [float(v) for v in coefficients]
+    if min(size) < 1:
+        raise InputError(f"expected the image's size, got {size[0]} x {size[1]} pixels.")
+    if not (np.isfinite(matrix).all() and np.isfinite([*values, radial_8]).all()):
+        raise InputError("expected finite numbers in the camera matrix and the distortion.")
+    if matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
+        raise InputError("expected focal lengths above zero (is the camera calibrated?).")
+    if model == "opencv":
+        if len(values) not in (0, 4, 5, 8, 12, 14):
+            raise InputError(f"expected 0, 4, 5, 8, 12 or 14 coefficients, got {len(values)}.")
+        if any(values[_TILT_TERMS:]):
+            raise InputError("expected a sensor that is not tilted (coefficients 13 and 14 0).")
+        values = (values + [0.0] * 12)[:12]
+    else:
+        values = (values + [0.0] * 4)[:4]
+    return ForeignCalibration(
+        source=source,
+        name=name or "camera",
+        width_px=size[0],
+        height_px=size[1],
+        matrix=matrix / matrix[2, 2],
+        model=model,
+        coefficients=tuple(values),
+        radial_8=radial_8,
+        findings=findings,
+    )
