@@ -21,6 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.errors import InputError
+from omm_core.files.outside import read_text
+from omm_core.files.strict_yaml import parse_yaml
 
 Array = NDArray[np.float64]
 
@@ -78,8 +80,8 @@ def refuse_foreign(path: str | Path) -> None:
         path = Path(path)
         if not path.is_file() or path.stat().st_size > _LARGEST_BYTES:
             return
-        source = foreign_source(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        source = foreign_source(read_text(path, "calibration", _LARGEST_BYTES))
+    except (OSError, InputError):
         return  # the reader of camera.yaml tells what is wrong with it
     if source is not None:
         raise InputError(
@@ -99,10 +101,7 @@ def read_foreign(path: str | Path) -> ForeignCalibration:
         Where the file is none of these, is malformed, or its lens is of an unknown kind.
     """
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, ValueError) as error:
-        raise InputError(f"The calibration {path} cannot be read: {error}.") from None
+    text = read_text(path, "calibration", _LARGEST_BYTES)
     source = foreign_source(text)
     if source is None:
         raise InputError(
@@ -124,13 +123,8 @@ def read_foreign(path: str | Path) -> ForeignCalibration:
 
 
 def _yaml(text: str) -> dict[str, Any]:
-    import yaml
-
     text = re.sub(r"^%YAML[^\n]*\n", "", text.lstrip("\ufeff"))
-    try:
-        loaded = yaml.safe_load(re.sub(r"!!opencv-(nd-)?matrix", "", text))
-    except yaml.YAMLError as error:
-        raise InputError(f"it is not YAML: {' '.join(str(error).split())}.") from None
+    loaded = parse_yaml(re.sub(r"!!opencv-(nd-)?matrix", "", text), "the calibration")
     if not isinstance(loaded, dict):
         raise InputError("expected keys with values.")
     return loaded
