@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from PIL import ExifTags, Image
 
 from omm_core.errors import InputError
-from omm_core.files.outside import read_bytes
+from omm_core.imaging.photographs import read_grey
 from omm_core.survey.sighting import sighting_of_target
 from omm_core.targets import DetectedTarget, TargetFamily, detect_targets
 from omm_core.targets.plain import PlainDot, PlainOptions, find_plain_dots
@@ -36,28 +36,6 @@ class Seen:
     problem: str | None = None
 
 
-def read_photograph(path: Path) -> NDArray[Any]:
-    """Return the pixels as stored, grey; no orientation tag turns them.
-
-    Raises
-    ------
-    InputError
-        Where the file is missing or no image.
-    """
-    import cv2
-
-    data = read_bytes(path, "photograph", 1 << 30)
-    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
-    try:
-        flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
-        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags) if data else None
-    finally:
-        cv2.utils.logging.setLogLevel(level)
-    if image is None or image.dtype not in (np.uint8, np.uint16):
-        raise InputError(f"{path}: expected a photograph, but it cannot be read as an image.")
-    return np.ascontiguousarray(image)
-
-
 def look_at_all(photos: tuple[Path, ...], family: str) -> list[Seen]:
     """Return what each photograph shows, on all cores, with progress on the screen."""
     shown = sys.stderr.isatty()
@@ -76,9 +54,11 @@ def _look(job: tuple[Path, str]) -> Seen:
     cv2.setNumThreads(1)
     photo, family_name = job
     try:
-        image = read_photograph(photo)
+        image = read_grey(photo)
     except InputError as error:
-        return Seen(size_px=(0, 0), problem=str(error).removesuffix("."))
+        # The survey names the photograph itself.
+        words = str(error).removeprefix(f"{photo}: ").removesuffix(".").removesuffix("; skipped")
+        return Seen(size_px=(0, 0), problem=words)
     size = (image.shape[1], image.shape[0])
     family = TargetFamily.by_name(family_name)
     detection = detect_targets(image, family)

@@ -10,7 +10,8 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from omm_core.errors import InputError, MeasurementError
-from omm_runs.photographs import focal_length_px, read_photograph
+from omm_core.imaging.photographs import read_grey
+from omm_runs.photographs import focal_length_px
 from omm_runs.survey_result import write_points
 from omm_runs.surveying import survey
 
@@ -111,7 +112,7 @@ def test_photographs_that_cannot_be_read_end_in_words(tmp_path):
         "photos: '*.jpg'\ntarget_family: aicon12\n"
         "scale_bars: [{ends: [1, 2], length_mm: 100, sigma_mm: 0.01}]\n"
     )
-    with pytest.raises(MeasurementError, match="cannot be read"):
+    with pytest.raises(MeasurementError, match=r"0\.jpg: the file is cut off; 1\.jpg"):
         survey(tmp_path)
 
 
@@ -123,7 +124,7 @@ def test_an_orientation_tag_turns_nothing_and_exif_tells_the_focal_length(tmp_pa
     pixels = np.zeros((60, 120), dtype=np.uint8)
     pixels[:, 100:] = 200
     Image.fromarray(pixels).save(tmp_path / "a.jpg", exif=exif, quality=95)
-    read = read_photograph(tmp_path / "a.jpg")
+    read = read_grey(tmp_path / "a.jpg")
     assert read.shape == (60, 120)
     assert read[30, 110] > 150 > 50 > read[30, 10]
     # 100 pixels a mm, and the picture was made half as wide.
@@ -135,4 +136,4 @@ def test_colour_is_read_as_grey(tmp_path):
     colour[5:10] = (255, 255, 255)
     for name in ("a.png", "a.tif", "a.jpg"):
         cv2.imwrite(str(tmp_path / name), colour)
-        assert read_photograph(tmp_path / name).shape == (20, 30)
+        assert read_grey(tmp_path / name).shape == (20, 30)

@@ -12,7 +12,6 @@ import glob
 import io
 import warnings
 import zlib
-from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
@@ -27,26 +26,6 @@ SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm")
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 _FLAGS = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
 _NOISE = np.random.default_rng(1).integers(1, 255, 4096, dtype=np.uint8).tobytes()
-_EXIF, _FOCAL, _FOCAL_35, _MAKE, _MODEL = 0x8769, 0x920A, 0xA405, 0x010F, 0x0110
-
-
-@dataclass(frozen=True, kw_only=True)
-class Photograph:
-    """A photograph and what its EXIF says of the camera.
-
-    Attributes
-    ----------
-    pixels : (H, W) uint8 or uint16, as stored.
-    camera : make and model; empty where unknown.
-    focal_length_mm : nominal; None where unknown.
-    focal_length_35mm : the same for a format of 36 x 24 mm; None where unknown.
-    """
-
-    path: Path
-    pixels: Pixels
-    camera: str = ""
-    focal_length_mm: float | None = None
-    focal_length_35mm: float | None = None
 
 
 def find_images(names: list[str]) -> list[Path]:
@@ -90,26 +69,6 @@ def read_grey(path: Path) -> Pixels:
     return _decoded(path, _read(path))
 
 
-def read_photograph(path: Path) -> Photograph:
-    """Read an image with what it says of its camera.
-
-    Raises
-    ------
-    InputError
-        If it is not an image, or damaged.
-    """
-    data = _read(path)
-    pixels = _decoded(path, data)
-    camera, focal, focal_35 = _exif(data)
-    return Photograph(
-        path=path,
-        pixels=pixels,
-        camera=camera,
-        focal_length_mm=focal,
-        focal_length_35mm=focal_35,
-    )
-
-
 _LARGEST_BYTES = 1 << 30
 
 
@@ -132,10 +91,14 @@ def _decoded(path: Path, data: bytes) -> Pixels:
 
 
 def _decode(data: bytes) -> Pixels | None:
+    # OpenCV prints what it thinks of every tag that it does not know.
+    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
     try:
         image: Pixels | None = cv2.imdecode(np.frombuffer(data, np.uint8), _FLAGS) if data else None
     except cv2.error:
         return None
+    finally:
+        cv2.utils.logging.setLogLevel(level)
     return image
 
 
@@ -182,31 +145,3 @@ def _refuse_cut_png(path: Path, data: bytes) -> None:
             return
         at = end + 4
     raise InputError(f"{path}: the file is cut off or damaged; skipped.")
-
-
-def _exif(data: bytes) -> tuple[str, float | None, float | None]:
-    """Camera, focal length and that of the 35 mm format; what is damaged there is left out."""
-    from PIL import Image
-
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            with Image.open(io.BytesIO(data)) as image:
-                root = image.getexif()
-                inner = root.get_ifd(_EXIF)
-    except (OSError, SyntaxError, ValueError, KeyError, TypeError, Image.DecompressionBombError):
-        return "", None, None
-    words = [str(root.get(tag, "")).strip("\0 ") for tag in (_MAKE, _MODEL)]
-    return (
-        " ".join(word for word in words if word),
-        _positive(inner.get(_FOCAL)),
-        _positive(inner.get(_FOCAL_35)),
-    )
-
-
-def _positive(value: object) -> float | None:
-    try:
-        number = float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError, ZeroDivisionError):
-        return None
-    return number if 0.0 < number < 1e5 else None
