@@ -32,7 +32,7 @@ MAX_MISFIT = 4.0
 """χ² per degree of freedom from which on it is not noise alone; the covariance grows with it."""
 UNEVEN_SHARE = 0.06
 """Error of a centre (dot radii) where light falls by all of the contrast over a dot's radius; it
-grows with the square (drawn: 0.045 px where exponential light halves over 8 px)."""
+grows with the square (drawn, a dot of 16 px: 0.045 px where light is 0.55 at the ring)."""
 MAX_RESIDUAL = 0.06
 """RMS of the residuals, of the contrast, from which on something lies on the dot. Below, misfit
 comes from what the camera does to edges (sharpening, JPEG), which is the same on all sides."""

@@ -38,7 +38,6 @@ class Reading:
     ----------
     outline : (9,) see `outline.outline`.
     lean : (2,) the perspective's share, see `reading.ring_profile`.
-    light : (3,) how light falls across the target, see `uneven`; zeros: evenly lit.
     sign : +1 bright dot, -1 dark dot.
     bits : (n,) 0/1 clockwise from `phase_rad`, as seen; not yet rotated to the code.
     """
@@ -46,7 +45,6 @@ class Reading:
     id: int
     outline: Floats
     lean: Floats
-    light: Floats
     sign: int
     bits: NDArray[np.int64]
     phase_rad: float
@@ -92,16 +90,15 @@ def judge_candidates(
             lean = leaning
             bits_seen, seen = _read(image, family, shape, lean)
             against = reading.doubt(seen)
-        light = np.zeros(3)
         if against in (reading.UNCLEAR, reading.COVERED, reading.NO_RING):
             uneven = _uneven(image, family, shape)
             if uneven is not None:
-                light, bits_seen, seen = uneven
+                bits_seen, seen = uneven
                 lean, against = np.zeros(2), reading.NONE
         if against == reading.NO_RING:
             continue  # nothing ring-like is there, which is not worth a word
         sign = int(candidates[dots[i], 5])
-        outcome = _number(family, shape, lean, light, sign, bits_seen, seen, against)
+        outcome = _number(family, shape, lean, sign, bits_seen, seen, against)
         if isinstance(outcome, Reading):
             rings[len(readings)] = shape[:5]
             readings.append(outcome)
@@ -123,7 +120,6 @@ def _number(
     family: TargetFamily,
     shape: Floats,
     lean: Floats,
-    light: Floats,
     sign: int,
     bits: NDArray[np.int64],
     facts: Floats,
@@ -142,7 +138,6 @@ def _number(
         id=target_id,
         outline=shape,
         lean=lean,
-        light=light,
         sign=sign,
         bits=bits,
         phase_rad=float(facts[0]),
@@ -199,16 +194,16 @@ def _read(
 
 def _uneven(
     image: NDArray[Any], family: TargetFamily, shape: Floats
-) -> tuple[Floats, NDArray[np.int64], Floats] | None:
-    """Fall of light, bits and facts of a ring that reads without doubt under that light."""
+) -> tuple[NDArray[np.int64], Floats] | None:
+    """Bits and facts of a ring that reads without doubt under light that falls across it."""
     ring = (family.ring_inner_ratio, family.ring_outer_ratio, family.bits)
     read = []
     for light in lights_across(image, shape, *ring):
         bits, facts = read_ring(image, shape, np.zeros(2), light, *ring)
         if reading.doubt(facts) == reading.NONE:
-            read.append((light, bits, facts))
+            read.append((bits, facts))
     # Light that can be told in two ways tells nothing.
-    if not read or any(not np.array_equal(bits, read[0][1]) for _, bits, _ in read):
+    if not read or any(not np.array_equal(bits, read[0][0]) for bits, _ in read):
         return None
     return read[0]
 
