@@ -1,9 +1,8 @@
 """Arguments of launch files, checked by name: `ros2 launch` itself takes any."""
 
-import difflib
 from collections.abc import Iterable
 
-from omm_core.errors import InputError
+from omm_core.errors import InputError, did_you_mean
 
 # What launch sets itself.
 _OF_LAUNCH = ("launch_file_path", "ros_", "params", "log_", "current_launch_file", "output_")
@@ -21,11 +20,9 @@ def check_names(known: Iterable[str], given: Iterable[str]) -> None:
     for name in given:
         if name in names or name.startswith(_OF_LAUNCH):
             continue
-        near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
-        meant = f" Did you mean {near[0]}?" if near else ""
         raise InputError(
-            f"Launch argument {name}: expected one of {', '.join(names)}.{meant} "
-            "(--show-args describes them.)"
+            f"Launch argument {name}: expected one of {', '.join(names)}."
+            f"{did_you_mean(name, names)} (--show-args describes them.)"
         )
 
 

@@ -1,6 +1,8 @@
 """The errors of omm. Every message says what was expected, what came and what to do."""
 
+import difflib
 import sys
+from collections.abc import Iterable
 
 from omm_core.printable import printable
 
@@ -19,6 +21,12 @@ class MeasurementError(OmmError):
 
 class DeviceError(OmmError):
     """A camera or a control is absent, lost or refuses."""
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return " Did you mean …?" with the nearest known name; nothing where none is near."""
+    near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
+    return f" Did you mean {near[0]}?" if near else ""
 
 
 def warn(text: str) -> None:

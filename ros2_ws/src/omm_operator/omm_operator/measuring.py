@@ -15,7 +15,7 @@ from std_srvs.srv import Trigger
 from omm_core.errors import MeasurementError
 from omm_operator.estimate_table import estimate_table
 from omm_operator.view import OperatorView
-from omm_ros import transport
+from omm_ros import topics, transport
 from omm_ros.diagnostics import line_name
 from omm_ros.interrupt import told_to_end
 
@@ -121,7 +121,7 @@ class _Health:
         self.problem = ""
         self.preparing_s: float | None = None
         self._line = line_name(f"{node.get_namespace().rstrip('/')}/camera", "connection")
-        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+        node.create_subscription(DiagnosticArray, topics.DIAGNOSTICS, self._on_diagnostics, 10)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -136,9 +136,9 @@ def _not_ready(node: Node, start: Client, camera: _Health) -> str:
     """What is still missing before the program may start; empty when nothing is."""
     if not start.service_is_ready():
         return "the CNC bridge"
-    if not node.get_publishers_info_by_topic("camera/image_raw") or not camera.is_connected:
+    if not node.get_publishers_info_by_topic(topics.IMAGE) or not camera.is_connected:
         return "the camera"
-    listeners = {i.node_name for i in node.get_subscriptions_info_by_topic("camera/image_raw")}
+    listeners = {i.node_name for i in node.get_subscriptions_info_by_topic(topics.IMAGE)}
     return " and ".join(sorted(_LISTENERS - listeners))
 
 

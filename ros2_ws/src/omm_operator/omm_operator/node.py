@@ -35,7 +35,7 @@ from omm_operator.screen.screen import Screen
 from omm_operator.web.access import Hosts, Listening, Sessions
 from omm_operator.web.application import application
 from omm_operator.web.serving import ServerThread, listen, tls_context
-from omm_ros import qos
+from omm_ros import qos, topics
 from omm_ros.conversions import time_from_ns
 from omm_ros.node_main import run_node
 from omm_ros.parameters import declare
@@ -43,7 +43,7 @@ from omm_ros.parameters import declare
 _PICTURE_PERIOD_S = 0.2
 _LOOK_PERIOD_S = 0.5
 _ASK_PERIOD_S = 5.0
-_STATIONS = {"estimator": "omm/estimate", "camera": "camera/image_raw", "bridge": "cnc/state"}
+_STATIONS = {"estimator": topics.ESTIMATE, "camera": topics.IMAGE, "bridge": topics.SPINDLE_STATE}
 ESTIMATOR, BRIDGE = "estimator", "cnc_bridge"
 _ASKED = {ESTIMATOR: ("part_file",), BRIDGE: ("allow_commands", "control", "linuxcnc_cell")}
 
@@ -114,13 +114,13 @@ class OperatorNode(Node):
         return made
 
     def _listen_to_all(self) -> None:
-        self.create_subscription(PartEstimate, "omm/estimate", self._on_estimate, qos.LATCHED)
-        self.create_subscription(SpindleState, "cnc/state", self._on_state, qos.STATE)
+        self.create_subscription(PartEstimate, topics.ESTIMATE, self._on_estimate, qos.LATCHED)
+        self.create_subscription(SpindleState, topics.SPINDLE_STATE, self._on_state, qos.STATE)
         self.create_subscription(
-            TargetObservations, "omm/observations", self._on_found, qos.OBSERVATIONS
+            TargetObservations, topics.OBSERVATIONS, self._on_found, qos.OBSERVATIONS
         )
-        self.create_subscription(Image, "camera/image_raw", self._on_image, qos.IMAGE)
-        self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 50)
+        self.create_subscription(Image, topics.IMAGE, self._on_image, qos.IMAGE)
+        self.create_subscription(DiagnosticArray, topics.DIAGNOSTICS, self._on_diagnostics, 50)
         self._askers = {
             node: self.create_client(GetParameters, f"{node}/get_parameters") for node in _ASKED
         }

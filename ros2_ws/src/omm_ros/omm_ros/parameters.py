@@ -8,7 +8,6 @@ parameters = declare(node, Parameters)
 """
 
 import dataclasses
-import difflib
 import os
 import typing
 from collections.abc import Callable
@@ -24,7 +23,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from omm_core.errors import InputError
+from omm_core.errors import InputError, did_you_mean
 
 P = TypeVar("P")
 
@@ -105,11 +104,10 @@ def check_no_unknown(node: Node) -> None:
     for name in given:
         if name in known or name.startswith(_OF_ROS_PREFIXES):
             continue
-        near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-        meant = f" Did you mean {near[0]}?" if near else ""
         raise InputError(
-            f"Parameter {name}: {node.get_name()} has none of that name.{meant} "
-            "All are listed by --help. (A parameter file's part `/**` reaches every node.)"
+            f"Parameter {name}: {node.get_name()} has none of that name."
+            f"{did_you_mean(name, known)} All are listed by --help. "
+            "(A parameter file's part `/**` reaches every node.)"
         )
 
 
