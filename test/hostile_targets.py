@@ -291,7 +291,7 @@ def all_targets(folder: Path) -> list[Target]:
     from omm_core.files.points import load_points
     from omm_core.files.survey import load_survey
     from omm_core.imaging.calibration import load_calibration
-    from omm_core.imaging.photographs import read_photograph
+    from omm_core.imaging.photographs import read_grey
     from omm_core.machine.urdf import load_urdf
     from omm_core.overstock.cad import load_faces
     from omm_core.overstock.fit_file import load_fit_file
@@ -324,7 +324,7 @@ def all_targets(folder: Path) -> list[Target]:
         *(
             Target(
                 name=f"photograph {k}", samples=(p,), text=False,
-                read=_loaded(read_photograph, f"photo{k}"),
+                read=_loaded(read_grey, f"photo{k}"),
             )
             for k, p in enumerate(photographs())
         ),
