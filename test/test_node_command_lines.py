@@ -14,6 +14,8 @@ NODES = {
     "omm_camera_driver.drivers.gige.simulator_node": ("Parameters", "adress:=::1", "address"),
     "omm_cnc_bridge.node": ("Parameters", "contrl:=opcua", "control"),
     "omm_estimator.node": ("Parameters", "part_fil:=part.yaml", "part_file"),
+    "omm_operator.node": ("Parameters", "prt:=8766", "port"),
+    "omm_operator.scene_node": ("Parameters", "part_fil:=part.yaml", "part_file"),
     "omm_recorder.node": ("Parameters", "foldr:=runs", "folder"),
     "omm_recorder.replay": ("ReplayParameters", "rat:=2.0", "rate"),
 }
@@ -49,3 +51,9 @@ def test_help_names_every_parameter_with_its_default(module):
     lines = {line.strip() for line in done.stdout.splitlines()}
     assert {field.name for field in dataclasses.fields(kind)} <= lines
     assert not done.stdout.startswith("None")
+
+
+def test_a_node_without_parameters_answers_help_too():
+    done = _run("omm_operator.measuring", "--help")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("Start the program")

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -15,7 +16,7 @@ from std_srvs.srv import Trigger
 from omm_core.errors import MeasurementError
 from omm_operator.estimate_table import estimate_table
 from omm_operator.view import OperatorView
-from omm_ros import topics, transport
+from omm_ros import node_help, topics, transport
 from omm_ros.diagnostics import line_name
 from omm_ros.interrupt import told_to_end
 
@@ -25,6 +26,11 @@ _BY_HAND_S = 1800.0  # for a person to go to the control and start the program
 _LAST_IMAGE_S = 15.0  # after the program's end, for an image that was asked for
 _POLL_S = 0.05
 _LISTENERS = {"recorder", "estimator"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoParameters:
+    """It has none: what is measured, the other nodes know."""
 
 
 def measure(
@@ -144,6 +150,9 @@ def _not_ready(node: Node, start: Client, camera: _Health) -> str:
 
 def main(args: list[str] | None = None) -> int:
     """Run as a node beside others that somebody else has started (a launch file)."""
+    if node_help.asked(args):
+        print(node_help.help_text(measure.__doc__ or "", NoParameters), end="")
+        return 0
     transport.prepare(args)
     console = Console()
     try:

@@ -23,7 +23,7 @@ from omm_recording.reading import RecordedMessage, Recording
 from omm_recording.rosbag2_format import TopicQos, parsed_qos
 from omm_ros import node_help
 from omm_ros.conversions import time_from_ns
-from omm_ros.parameters import check_no_unknown, declare, network_parameter, parameter
+from omm_ros.parameters import declare, network_parameter, parameter
 
 CLOCK_PERIOD_S = 0.025
 KEY_PERIOD_S = 0.02
@@ -71,7 +71,6 @@ class ReplayNode(Node):
     ) -> None:
         super().__init__("replay", parameter_overrides=overrides or [])
         self.parameters = declare(self, ReplayParameters)
-        check_no_unknown(self)
         if not self.parameters.run:
             raise InputError("Expected the parameter run: the recording to replay.")
         self.recording = Recording(Path(self.parameters.run))

@@ -21,7 +21,6 @@ from omm_core.errors import InputError, OmmError
 from omm_ros import node_help, transport
 from omm_ros.environment import check_environment
 from omm_ros.interrupt import Interrupts
-from omm_ros.parameters import check_no_unknown
 from omm_ros.published import count_publications
 
 AUTOSTART = "autostart"
@@ -81,7 +80,6 @@ def run_node(
         node = make()
         if isinstance(node, LifecycleNode):
             node.declare_parameter(AUTOSTART, True, _AUTOSTART)
-        check_no_unknown(node)
         # One thread needs no pool, and handing a message to one costs as much as taking it.
         one = threads == 1
         executor = SingleThreadedExecutor() if one else MultiThreadedExecutor(num_threads=threads)

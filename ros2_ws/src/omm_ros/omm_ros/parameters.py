@@ -63,10 +63,12 @@ def declare(node: Node, kind: type[P]) -> P:
     Raises
     ------
     InputError
-        A value is of the wrong type, out of range or none of the choices.
+        A value is of the wrong type, out of range or none of the choices; or a parameter was given
+        that the node does not have.
     """
     values = {}
     types = typing.get_type_hints(kind)
+    _refuse_unknown(node, kind)
     for field in dataclasses.fields(kind):  # type: ignore[arg-type]
         try:
             declared = node.declare_parameter(
@@ -88,19 +90,12 @@ _OF_ROS = ("use_sim_time", "start_type_description_service", "autostart")
 _OF_ROS_PREFIXES = ("qos_overrides.", "diagnostic_updater.")
 
 
-def check_no_unknown(node: Node) -> None:
-    """Refuse parameters that were given at the start and that the node does not have.
-
-    A misspelt `exposre_us` would otherwise leave the exposure as it was, and say nothing.
-
-    Raises
-    ------
-    InputError
-        A name is unknown; the nearest one is told.
-    """
+def _refuse_unknown(node: Node, kind: type) -> None:
+    """A misspelt `exposre_us` would otherwise leave the exposure as it was, and say nothing."""
     # rclpy keeps what it was given here and offers no public way to it.
     given = node._parameter_overrides
-    known = sorted({*node._parameters, *_OF_ROS})
+    fields = {field.name for field in dataclasses.fields(kind)}
+    known = sorted({*fields, *node._parameters, *_OF_ROS})
     for name in given:
         if name in known or name.startswith(_OF_ROS_PREFIXES):
             continue

@@ -20,7 +20,7 @@ from omm_ros import qos, topics
 from omm_ros.conversions import stamp_ns, transform_from_pose
 from omm_ros.diagnostics import OK, WARN, Diagnostics, Health
 from omm_ros.node_main import run_node
-from omm_ros.parameters import check_no_unknown, declare, parameter
+from omm_ros.parameters import declare, parameter
 
 # Shorter than the protocol's own time-out: while it renders, the camera does not answer.
 _POSE_TIMEOUT_S = 0.3
@@ -48,7 +48,6 @@ class GigeSimulatorNode(Node):
     def __init__(self) -> None:
         super().__init__("gige_simulator")
         wanted = declare(self, Parameters)
-        check_no_unknown(self)  # before the library that may be missing is asked for
         self._poses = TruePoses()
         self._view = cell_view(
             wanted.scenario,
