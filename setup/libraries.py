@@ -85,7 +85,7 @@ def install_locked(
 
 
 def missing_on_ros(python: str, listed: Path, environment: dict[str, str]) -> list[str]:
-    """Requirements whose module neither ROS nor the system nor an earlier run brought."""
+    """Return the requirements whose module neither ROS nor the system nor an earlier run has."""
     pairs = re.findall(r"^(\S+) +# (\S+)$", listed.read_text(), re.MULTILINE)
     code = (
         "import sys, importlib.util as u; print(*[m for m in sys.argv[1:] if not u.find_spec(m)])"

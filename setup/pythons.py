@@ -22,7 +22,7 @@ def flavour() -> str:
 
 
 def base_python() -> str:
-    """The interpreter to build on: OMM_PYTHON, the one of ROS, this one, or another there is."""
+    """Return the interpreter to build on: OMM_PYTHON, ROS's, this one, or another there is."""
     if "OMM_PYTHON" in os.environ:
         chosen = shutil.which(os.environ["OMM_PYTHON"])
         if chosen is None:

@@ -58,7 +58,7 @@ def call(
 
 
 def say(text: str, end: str = "\n", again: bool = False) -> None:
-    """One line a step on a terminal (rewritten as it goes on); elsewhere only what is final."""
+    """Print one line a step on a terminal (rewritten as it goes on); elsewhere only final ones."""
     if sys.stderr.isatty():
         print(("\r\033[K" if again else "") + f"omm: {text}", end=end, file=sys.stderr, flush=True)
     elif end == "\n":

@@ -12,7 +12,10 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def build_environment(home: Path) -> dict[str, str]:
-    """What cmake and colcon need to find ROS: with wheels, the environment's root is the prefix."""
+    """Return the variables by which cmake and colcon find ROS.
+
+    With wheels, the environment's root is the prefix.
+    """
     venv = home / "venv"
     variables = dict(os.environ, PATH=f"{venv / 'bin'}:{os.environ['PATH']}", VIRTUAL_ENV=str(venv))
     variables.pop("PYTHONPATH" if not ON_ROS else "", None)

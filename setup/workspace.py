@@ -13,7 +13,7 @@ WORKSPACE = ROOT / "ros2_ws" / "src"
 
 
 def workspace_state() -> str:
-    """Changes with every source that is built: names, sizes and times of the files."""
+    """Return a text that changes with every built source: names, sizes, times of the files."""
     digest = hashlib.sha256()
     for folder, names, files in os.walk(WORKSPACE):
         names[:] = sorted(

@@ -23,7 +23,7 @@ def simulated_cell(
     start_program: bool = False,
     namespace: str = "",
 ) -> tuple[NodeSpec, ...]:
-    """Recorder, estimator, camera and CNC bridge of a simulated cell.
+    """Return recorder, estimator, camera and CNC bridge of a simulated cell.
 
     The recorder comes first, so that it is there from the first message to the last. The run's
     folder must hold `part.yaml` and `camera.yaml`: that is all the estimator gets. A namespace
@@ -91,7 +91,7 @@ def simulated_cell(
 
 
 def operators_page(run_folder: Path, *, port: int, stops: int) -> NodeSpec:
-    """The operator's page for a cell whose program has so many stops."""
+    """Return the operator's page for a cell whose program has so many stops."""
     return NodeSpec(
         package="omm_operator",
         executable="operator_node",

@@ -25,7 +25,7 @@ refused with the range.
 
 
 def tables() -> str:
-    """All tables as Markdown."""
+    """Return all tables as Markdown."""
     return "\n".join([_HEAD, *(_table(node, _class(path)) for node, path in NODES.items())])
 
 

@@ -44,7 +44,7 @@ class RunningNode:
 
 
 def executable_of(spec: NodeSpec) -> Path:
-    """Where colcon has installed the executable of a node."""
+    """Return the place where colcon has installed the executable of a node."""
     return Path(get_package_prefix(spec.package)) / "lib" / spec.package / spec.executable
 
 

@@ -22,7 +22,7 @@ def station(
     record: bool = True,
     namespace: str = "",
 ) -> tuple[NodeSpec, ...]:
-    """Camera, CNC bridge, estimator and recorder.
+    """Return camera, CNC bridge, estimator and recorder.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def station(
 
 
 def parameter_file(kind: str, chosen: str, known: tuple[str, ...]) -> Path:
-    """The file behind `camera:=gige`: one of ours, or the user's own.
+    """Return the file behind `camera:=gige`: one of ours, or the user's own.
 
     Raises
     ------

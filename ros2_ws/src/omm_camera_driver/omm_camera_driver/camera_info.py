@@ -23,7 +23,10 @@ class InfoSource:
 
 
 def from_calibration(path: str) -> InfoSource:
-    """CameraInfo (plumb_bob) of a calibration file; a fit where the file has another model."""
+    """Return the CameraInfo of a calibration file.
+
+    The model is plumb_bob: fitted where the file has another one.
+    """
     lens = load_calibration(path).lens
     if isinstance(lens, BrownPhotogrammetric):
         plumb_bob, error_px = lens.to_plumb_bob()
@@ -35,7 +38,7 @@ def from_calibration(path: str) -> InfoSource:
 
 
 def from_url(url: str) -> InfoSource:
-    """CameraInfo of the YAML file that ROS's camera_calibration writes.
+    """Return the CameraInfo in the YAML file that ROS's camera_calibration writes.
 
     Raises
     ------
@@ -58,7 +61,7 @@ def from_url(url: str) -> InfoSource:
 
 
 def uncalibrated() -> InfoSource:
-    """A message that says, as ROS does by K[0] = 0, that nothing is known."""
+    """Return a message that says, as ROS does by K[0] = 0, that nothing is known."""
     return InfoSource(message=CameraInfo())
 
 

@@ -148,7 +148,7 @@ class CameraDriver(Protocol):
         ...
 
     def next_frame(self, timeout_s: float) -> Frame | None:
-        """The next image, or None when none came in time."""
+        """Return the next image, or None when none came in time."""
         ...
 
     def check(self) -> None:
@@ -160,7 +160,7 @@ class CameraDriver(Protocol):
         ...
 
     def health(self) -> Mapping[str, Any]:
-        """Figures for the diagnostics: temperature, resent packets, …"""
+        """Return figures for the diagnostics: temperature, resent packets, …"""
         ...
 
     def close(self) -> None:

@@ -142,7 +142,7 @@ class CameraNode(LifecycleNode):
         return response
 
     def _wait(self, future: "Future[int]", timeout_s: float) -> int:
-        """The result, or an error when the node ends or the device blocks."""
+        """Return the result; raise an error when the node ends or the device blocks."""
         for _ in range(round(timeout_s / 0.2)):
             try:
                 return future.result(timeout=0.2)

@@ -84,7 +84,7 @@ class Parameters:
 
 
 def camera_settings(parameters: Parameters) -> CameraSettings:
-    """What the parameters ask of the camera.
+    """Return what the parameters ask of the camera.
 
     Raises
     ------

@@ -34,14 +34,14 @@ _UNPACKED_SHIFT = {MONO10: 6, MONO12: 4, MONO14: 2, MONO16: 0}
 
 
 def bytes_of(pixel_format: int, width: int, height: int) -> int:
-    """Size of an image of a format (PFNC tells the bits of a pixel in its number)."""
+    """Return an image's size in bytes (PFNC tells the bits of a pixel in its number)."""
     return width * height * (pixel_format >> 16 & 0xFF) // 8
 
 
 def mono_from_genicam(
     data: NDArray[np.uint8], pixel_format: int, width: int, height: int
 ) -> NDArray[np.generic]:
-    """Image (height, width) uint8 or uint16; a view of the data for Mono8 and Mono16.
+    """Return the image (height, width) uint8 or uint16; a view of Mono8 and Mono16 data.
 
     Raises
     ------
@@ -88,7 +88,10 @@ def _grey(
 
 
 def _unpack_gige(data: NDArray[np.uint8], twelve: bool) -> NDArray[np.uint16]:
-    """Bytes: high bits of pixel 0, low bits of both (0 in the lower half), high bits of pixel 1."""
+    """Unpack pairs of pixels, (height, width), from three bytes each.
+
+    The bytes: high bits of pixel 0, low bits of both (0 in the lower half), high bits of pixel 1.
+    """
     triples = data.reshape(-1, 3).astype(np.uint16)
     low = 4 if twelve else 2
     mask = (1 << low) - 1
@@ -117,6 +120,6 @@ def _unpack_10p(data: NDArray[np.uint8]) -> NDArray[np.uint16]:
 def mono_from_yuyv(
     data: NDArray[np.uint8], width: int, height: int, row_bytes: int
 ) -> NDArray[np.uint8]:
-    """The brightness of a YUYV image, (height, width); a copy."""
+    """Return the brightness of a YUYV image, (height, width); a copy."""
     rows = data[: row_bytes * height].reshape(height, row_bytes)
     return rows[:, : 2 * width : 2].copy()

@@ -155,7 +155,7 @@ class CameraWorker:
         return future
 
     def status(self) -> Status:
-        """What is known now."""
+        """Return what is known now."""
         now_s = time.monotonic()
         if self._thread is None:
             return replace(self._status, state=State.INACTIVE, problem="", camera=None)

@@ -98,7 +98,9 @@ class ControlClock:
         return self._relation.ours_ns(control_ns), round(self._relation.uncertainty_ns)
 
     def _jumped(self, control_ns: int, delay_ns: int) -> bool:
-        """Whether this sample contradicts the relation: made after it came, or before the last.
+        """Return whether this sample contradicts the relation.
+
+        It does when it was made after it came, or before the last one.
 
         A sample that is merely late contradicts nothing.
         """
@@ -154,5 +156,8 @@ def _edge_over(hull: list[_Point], middle_ns: int) -> tuple[_Point, _Point]:
 
 
 def ros_from_monotonic_ns(monotonic_ns: int) -> int:
-    """ROS (system) time of a moment of the monotonic clock, also after the system time is set."""
+    """Return the ROS (system) time of a moment of the monotonic clock.
+
+    It holds also after the system time is set.
+    """
     return monotonic_ns + time.time_ns() - time.monotonic_ns()

@@ -61,7 +61,7 @@ class Commands:
         return self._p.control == "simulated" or bool(self._p.linuxcnc_cell)
 
     def introduction(self) -> str:
-        """What an operator must know of this bridge; empty where nothing real is there."""
+        """Return what an operator must know of this bridge; empty where nothing real is there."""
         if self.is_simulated:
             return ""
         if self._p.allow_commands:
@@ -75,7 +75,7 @@ class Commands:
         )
 
     def start_program(self) -> tuple[bool, str]:
-        """Whether the program was started, and why not."""
+        """Return whether the program was started, and why not."""
         control = self._control
         if not (self.is_simulated or self._p.allow_commands):
             return False, "allow_commands is false: start the program at the control"
@@ -91,7 +91,7 @@ class Commands:
         return True, "started"
 
     def mdi(self, text: str) -> tuple[bool, str]:
-        """Whether the control has carried out a block, and why not."""
+        """Return whether the control has carried out a block, and why not."""
         control = self._control
         if not isinstance(control, TakesBlocks):
             return False, f"control {self._p.control} takes no blocks (MDI); linuxcnc does"

@@ -100,7 +100,7 @@ class Control(Protocol):
         """Connect, or connect again. Raises DeviceError where nothing answers."""
 
     def read(self, timeout_s: float) -> Sequence[ControlSample]:
-        """Samples that are new since the last call, oldest first; waits for the first of them.
+        """Return the samples since the last call, oldest first; wait for the first of them.
 
         Empty when none came within ``timeout_s``. Raises DeviceError when the connection is lost.
         """
@@ -181,4 +181,4 @@ class KnowsTruth(Protocol):
     """A simulated machine, which tells the simulated camera what the control does not know."""
 
     def read_truth(self) -> Sequence[TruePose]:
-        """Where the spindle truly was since the last call, oldest first."""
+        """Return where the spindle truly was since the last call, oldest first."""

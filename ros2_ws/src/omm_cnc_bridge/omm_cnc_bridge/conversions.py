@@ -18,7 +18,7 @@ SPINDLE_FRAME = "spindle"
 
 
 def pose_message(stamp_ns: int, machine_T_spindle: RigidTransform) -> PoseStamped:
-    """The pose, stamped with when it was true."""
+    """Return the pose, stamped with when it was true."""
     message = PoseStamped(pose=pose_from_transform(machine_T_spindle))
     message.header.stamp = time_from_ns(stamp_ns)
     message.header.frame_id = MACHINE_FRAME
@@ -26,7 +26,7 @@ def pose_message(stamp_ns: int, machine_T_spindle: RigidTransform) -> PoseStampe
 
 
 def spindle_transform(stamp_ns: int, machine_T_spindle: RigidTransform) -> TransformStamped:
-    """The same for /tf."""
+    """Return the spindle's pose as /tf wants it."""
     message = TransformStamped(transform=transform_message(machine_T_spindle))
     message.header.stamp = time_from_ns(stamp_ns)
     message.header.frame_id = MACHINE_FRAME
@@ -71,7 +71,7 @@ def state_message(
 
 
 def found_targets(message: TargetObservations) -> dict[int, tuple[NDArray[np.float64], float]]:
-    """Centre (2,) and diameter of each target that was found, px, by number."""
+    """Return, by number, each found target's centre (2,) and diameter, px."""
     return {
         target.id: (np.array([target.col_px, target.row_px]), target.diameter_px)
         for target in message.targets

@@ -76,7 +76,10 @@ class Guiding:
         self._running = running
 
     def is_ready(self, image_ns: int, now_ns: int) -> bool:
-        """Whether an image may be answered: its finds are here, or were waited for long enough."""
+        """Return whether an image may be answered.
+
+        Its finds are here, or were waited for long enough.
+        """
         with self._lock:
             return image_ns in self._found or now_ns - image_ns > self._timeout_ns
 

@@ -122,7 +122,7 @@ class Handshake:
             self._step = _Step.HOLDING
 
     def refused(self, message: str, now_ns: int) -> None:
-        """The control did not take the acknowledgement: try that again."""
+        """Note that the control did not take the acknowledgement, to try again."""
         if self._step is _Step.DONE:
             self.trouble = f"acknowledgement: {message}"
             self._step = _Step.HOLDING

@@ -130,18 +130,18 @@ class Judge:
         return refusal
 
     def _known(self) -> dict[str, bool]:
-        """Names that positions may have, and whether each turns."""
+        """Return the names that positions may have, and whether each turns."""
         if self._reported is Reported.AXES:
             return self.machine.turning
         return dict.fromkeys(("X", "Y", "Z"), False) | self.machine.turning
 
     def _own(self, positions: Mapping[str, float]) -> dict[str, float]:
-        """Those that the spindle's pose is made of."""
+        """Return the axes that the spindle's pose is made of."""
         known = self._known()
         return {axis: value for axis, value in positions.items() if axis in known}
 
     def _seen(self, sample: ControlSample) -> ControlSample:
-        """The sample without the axes that are ignored: they may move while the spindle stands."""
+        """Return the sample without the ignored axes, which may move while the spindle stands."""
         ignored = self.machine.rules.ignored
         if not ignored:
             return sample

@@ -45,7 +45,7 @@ class Leading:
             self._control.correct((0.0, 0.0, 0.0), 0, valid=False)
 
     def is_ready(self, image_ns: int, now_ns: int) -> bool:
-        """Whether an image may be answered."""
+        """Return whether an image may be answered."""
         return self._guiding is None or self._guiding.is_ready(image_ns, now_ns)
 
     def heard(self, sample: ControlSample) -> None:

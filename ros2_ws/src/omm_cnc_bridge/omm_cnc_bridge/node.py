@@ -112,7 +112,7 @@ class CncBridgeNode(Node):
                 self._failure = error
 
     def _is_wanted(self) -> bool:
-        """Whether to go on: Ctrl-C ends the context first, and then the node."""
+        """Return whether to go on: Ctrl-C ends the context first, and then the node."""
         return self.context.ok() and not self._stopping.is_set()
 
     def _run_connection(self) -> None:
@@ -268,11 +268,11 @@ class CncBridgeNode(Node):
         self._set_connection(Connection.DISCONNECTED, f"{error} Trying again.")
 
     def _trouble(self) -> str:
-        """Why the control is not connected; empty where it is."""
+        """Return why the control is not connected; empty where it is."""
         return "" if self._connection is Connection.CONNECTED else self._detail
 
     def _unrest(self) -> str:
-        """Why the machine is not at rest without a program; empty where it is."""
+        """Return why the machine is not at rest without a program; empty where it is."""
         judged = self._judged
         if judged is None:
             return "no sample yet"
@@ -326,7 +326,7 @@ class CncBridgeNode(Node):
 
 
 def _noteworthy(judged: Judgement) -> tuple[object, ...]:
-    """What is published at once when it changes."""
+    """Return what is published at once when it changes."""
     s = judged.sample
     still = not judged.moving_reason
     refused = bool(judged.refused)

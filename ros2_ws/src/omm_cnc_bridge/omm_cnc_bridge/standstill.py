@@ -44,7 +44,7 @@ class StandStill:
         return self._since_ns
 
     def update(self, sample: ControlSample) -> str:
-        """Why the spindle is not known to stand still at this sample; empty when it is."""
+        """Return why the spindle is not known to stand still at this sample; empty when it is."""
         moved = self._moved(sample)
         if moved:
             self._rest = sample.positions

@@ -70,7 +70,7 @@ def warm_up_estimation() -> None:
 
 
 def _drawing(family: TargetFamily, target_id: int) -> NDArray[np.uint8]:
-    """A plain drawing of one target, bright on black."""
+    """Return a plain drawing of one target, bright on black."""
     size, radius = 240, 20.0
     rows, cols = np.mgrid[:size, :size] - size / 2.0
     rho = np.hypot(cols, rows) / radius

@@ -30,22 +30,22 @@ _UNIT = np.array([1.0, 1.0, 1.0, MM_PER_M, MM_PER_M, MM_PER_M, 1.0])
 
 
 def theta_si(told: PoseStatement) -> Array:
-    """θ in rad and m; NaN where it is not determined."""
+    """Return θ in rad and m; NaN where it is not determined."""
     return np.asarray(told.theta) / _UNIT
 
 
 def covariance_si(told: PoseStatement) -> Array:
-    """Covariance of θ, (7, 7), rad and m."""
+    """Return the covariance of θ, (7, 7), rad and m."""
     return np.asarray(told.covariance) / np.outer(_UNIT, _UNIT)
 
 
 def expanded_uncertainty_si(told: PoseStatement) -> Array:
-    """U of θ, (7,), rad and m."""
+    """Return U of θ, (7,), rad and m."""
     return np.asarray(told.expanded_uncertainty) / _UNIT
 
 
 def machine_T_part(result: MeasurementResult) -> RigidTransform:
-    """The part's pose."""
+    """Return the part's pose."""
     alpha, beta, gamma = result.solution.theta[:3]
     xyz_mm = result.solution.theta[3:6]
     return RigidTransform.from_euler_xyz_rad(alpha, beta, gamma, xyz_mm)
@@ -54,7 +54,7 @@ def machine_T_part(result: MeasurementResult) -> RigidTransform:
 def estimate_message(
     result: MeasurementResult, clamping: int, revoked_reason: str = ""
 ) -> PartEstimate:
-    """The whole result as /omm/estimate; of which clamping since the node started.
+    """Return the whole result as /omm/estimate, with the clamping's number since the start.
 
     With a reason it revokes what was published before.
     """
@@ -115,7 +115,9 @@ def estimate_message(
 
 
 def pose_message(result: MeasurementResult) -> PoseWithCovarianceStamped:
-    """The part's pose with ROS's covariance: x, y, z, rotations about the fixed axes X, Y, Z.
+    """Return the part's pose with ROS's covariance.
+
+    Its order: x, y, z, rotations about the fixed axes X, Y, Z.
 
     A change of the Euler angles turns the part by ``ω = E (dα, dβ, dγ)`` about fixed axes, with the
     axes of the three turns as columns of E; so the covariance is mapped, not permuted.
@@ -137,7 +139,10 @@ def pose_message(result: MeasurementResult) -> PoseWithCovarianceStamped:
 
 
 def revoked_pose(stamp_ns: int) -> PoseWithCovarianceStamped:
-    """What replaces a latched pose that holds no longer: a position of NaN, covariance[0] = -1."""
+    """Return what replaces a latched pose that no longer holds.
+
+    Its position is NaN, its covariance[0] is -1.
+    """
     message = PoseWithCovarianceStamped()
     message.header = Header(stamp=time_from_ns(stamp_ns), frame_id="machine")
     position = message.pose.pose.position
@@ -147,14 +152,14 @@ def revoked_pose(stamp_ns: int) -> PoseWithCovarianceStamped:
 
 
 def camera_frame(calibration: CameraCalibration) -> TransformStamped:
-    """Where the camera sits in the taper; true as long as the calibration is."""
+    """Return where the camera sits in the taper, true as long as the calibration is."""
     return _frame("taper", "camera_optical", calibration.taper_T_camera, 0)
 
 
 def frame_transforms(
     result: MeasurementResult, part_frame: str, stamp_ns: int
 ) -> list[TransformStamped]:
-    """What a determined result tells of the frames, said again at ``stamp_ns``."""
+    """Return what a determined result says of the frames, stamped ``stamp_ns``."""
     gamma_s_rad = float(result.solution.theta[6])
     holder = RigidTransform(rotation=holder_rotation(gamma_s_rad), translation_mm=np.zeros(3))
     return [
@@ -176,7 +181,7 @@ def _frame(
 def observations_message(
     header: Header, family: str, shape: tuple[int, ...], detection: Detection
 ) -> TargetObservations:
-    """What was found in one image."""
+    """Return what was found in one image."""
     return TargetObservations(
         header=header,
         target_family=family,

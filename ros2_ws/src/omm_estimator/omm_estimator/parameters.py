@@ -62,7 +62,7 @@ class Parameters:
     )
 
     def solve_options(self, machine: MachineUncertainty) -> SolveOptions:
-        """How the core is to solve on a machine of which that is declared."""
+        """Return how the core is to solve on a machine of which this is declared."""
         return SolveOptions(
             model=self.model,  # type: ignore[arg-type]
             gamma_s_rad=self.gamma_s_rad,
@@ -71,7 +71,7 @@ class Parameters:
         ).of_machine(machine)
 
     def measurement_options(self, machine: MachineUncertainty) -> MeasurementOptions:
-        """What the core is to use."""
+        """Return what the core is to use."""
         return MeasurementOptions(
             pairing=PairingOptions(
                 window_ns=round(self.standstill_window_s * 1e9),

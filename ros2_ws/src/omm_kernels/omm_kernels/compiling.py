@@ -50,7 +50,7 @@ def _folder(package: str) -> Path:
 
 
 def _state(folders: list[Path]) -> str:
-    """Changes with every source that is compiled, and with the compiler."""
+    """Return a text that changes with every compiled source, and with the compiler."""
     digest = hashlib.sha256(f"{sys.version} {_version('numba')} {_version('numpy')}".encode())
     for folder in folders:
         for file in sorted(folder.rglob("*.py")):

@@ -11,7 +11,7 @@ _MILLI = 1000.0  # from m to mm, and from rad to mm/m
 
 
 def estimate_table(estimate: PartEstimate) -> Table:
-    """The parameters of a live estimate with U: what 95.45 % of errors are smaller than."""
+    """Return a live estimate's parameters with U, which 95.45 % of errors do not exceed."""
     table = Table(
         title=f"{estimate.part}, {estimate.model}, in the machine's own coordinates",
         title_justify="left",

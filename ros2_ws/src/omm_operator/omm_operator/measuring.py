@@ -83,7 +83,10 @@ def measure_alone(
     *,
     by_hand: bool = False,
 ) -> PartEstimate:
-    """`measure` in a process without other nodes; as it does, and KeyboardInterrupt at Ctrl-C."""
+    """Run `measure` in a process without other nodes.
+
+    It raises KeyboardInterrupt at Ctrl-C.
+    """
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     try:
         with told_to_end() as ended:
@@ -139,7 +142,7 @@ class _Health:
 
 
 def _not_ready(node: Node, start: Client, camera: _Health) -> str:
-    """What is still missing before the program may start; empty when nothing is."""
+    """Return what is still missing before the program may start; empty when nothing is."""
     if not start.service_is_ready():
         return "the CNC bridge"
     if not node.get_publishers_info_by_topic(topics.IMAGE) or not camera.is_connected:

@@ -10,7 +10,7 @@ from omm_recording.rosbag2_format import TopicQos
 
 
 def message_class(type_name: str) -> Any:
-    """The class of a message type such as ``sensor_msgs/msg/Image``.
+    """Return the class of a message type such as ``sensor_msgs/msg/Image``.
 
     Raises
     ------
@@ -28,7 +28,7 @@ def message_class(type_name: str) -> Any:
 
 
 def profile_from_qos(qos: TopicQos) -> QoSProfile:
-    """The profile to subscribe or publish with."""
+    """Return the profile to subscribe or publish with."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=qos.depth,
@@ -38,7 +38,7 @@ def profile_from_qos(qos: TopicQos) -> QoSProfile:
 
 
 def qos_from_profile(profile: QoSProfile, depth: int) -> TopicQos:
-    """What matters of a publisher's profile; its depth is not told over the network."""
+    """Return what matters of a publisher's profile; the network does not tell its depth."""
     return TopicQos(
         reliable=profile.reliability != ReliabilityPolicy.BEST_EFFORT,
         latched=profile.durability == DurabilityPolicy.TRANSIENT_LOCAL,

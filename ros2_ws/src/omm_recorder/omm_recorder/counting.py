@@ -60,7 +60,7 @@ class TopicTally:
         self.announced, self._announced_s = published, now_s
 
     def answered(self, since_s: float) -> bool:
-        """Whether the publisher has said its number since then, and all up to it has come."""
+        """Return whether the publisher has since said its number, and all up to it has come."""
         told = self._announced_s >= since_s and self.announced is not None
         return told and (self.announced or 0) <= self._have()
 
@@ -76,7 +76,7 @@ class TopicTally:
         self.missing += self.missing_at_end
 
     def as_text(self, recorded: int) -> str:
-        """For the recording's report."""
+        """Return the counts as text for the recording's report."""
         return json.dumps(
             {
                 "received": self.received,

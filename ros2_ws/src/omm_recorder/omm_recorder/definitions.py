@@ -18,7 +18,7 @@ _FIELD = re.compile(r"^\s*([A-Za-z][\w/]*)(?:<=\d+)?(?:\[[^\]]*\])?\s+[A-Za-z]\w
 
 @cache
 def definition(type_name: str) -> str:
-    """The definition of a type with all types it is made of, as ``ros2msg`` schemas have it.
+    """Return the definition of a type with all types it is made of, as ``ros2msg`` schemas have it.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def definition(type_name: str) -> str:
 
 @cache
 def type_hash(type_name: str) -> str:
-    """The hash (RIHS01) of a type; empty where the package was installed without it."""
+    """Return the hash (RIHS01) of a type; empty where the package was installed without it."""
     path = _file(_short(type_name)).with_suffix(".json")
     if not path.is_file():
         return ""

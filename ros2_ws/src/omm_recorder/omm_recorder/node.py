@@ -114,7 +114,7 @@ class RecorderNode(Node):
         return self.recorder.count_ends(since_s)
 
     def _may_answer(self, topic: str) -> bool:
-        """Whether a publisher of a topic is there that has ever told its number."""
+        """Return whether a publisher of a topic is there that has ever told its number."""
         heard = self._heard_as[topic]
         subscription = self._heard[heard][1]
         with subscription.handle:
@@ -292,7 +292,7 @@ class RecorderNode(Node):
             self._attach(name, file)
 
     def _is_owner(self, node: str) -> bool:
-        """Whether it is the estimator of this machine: another machine's part is none of ours."""
+        """Return whether it is this machine's estimator: another machine's part is not ours."""
         return node == f"{self.get_namespace().rstrip('/')}/{OWNER}"
 
     def _take_changes(self, event: ParameterEvent) -> None:
@@ -330,7 +330,7 @@ def main(args: list[str] | None = None) -> int:
     made: list[RecorderNode] = []
 
     def make() -> RecorderNode:
-        """Records all topics of a measurement, with its part and calibration files."""
+        """Make the node that records a measurement's topics, its part and calibration files."""
         made.append(RecorderNode())
         return made[0]
 

@@ -85,5 +85,5 @@ class ParameterSnapshot:
 
 
 def as_table(values: dict[str, Any]) -> dict[str, str]:
-    """Parameters as texts, for a metadata record."""
+    """Return the parameters as texts, for a metadata record."""
     return {name: json.dumps(value, default=list) for name, value in sorted(values.items())}

@@ -48,13 +48,13 @@ class PlaybackClock:
         return self._paused
 
     def now_ns(self) -> int:
-        """The recording's time now."""
+        """Return the recording's time now."""
         if self._paused:
             return self._anchor_ns
         return self._anchor_ns + int((self._now_s() - self._anchor_s) * self._rate * 1e9)
 
     def wait_s(self, message_ns: int) -> float | None:
-        """How long until a message is due; None while time stands still before it."""
+        """Return how long until a message is due; None while time stands still before it."""
         if self._steps:
             return 0.0
         if self._paused:

@@ -10,7 +10,7 @@ _LIBRARIES = ("numpy", "scipy", "numba", "opencv-python-headless", "mcap", "rosb
 
 
 def provenance() -> dict[str, str]:
-    """Versions of omm, ROS, Python and the libraries, and who runs them where."""
+    """Return the versions of omm, ROS, Python and the libraries, and who runs them where."""
     values = {
         "omm": _version("omm_core"),
         "ros_distro": os.environ.get("ROS_DISTRO", "jazzy"),

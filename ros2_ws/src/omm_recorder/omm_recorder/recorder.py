@@ -138,7 +138,7 @@ class Recorder:
             self._tallies[topic].announce(published, time.monotonic())
 
     def waiting_for(self, since_s: float) -> list[str]:
-        """Topics of which it is not known whether the last messages have come (monotonic, s)."""
+        """Return the topics whose last messages may still be missing (now in monotonic s)."""
         return [
             name
             for name, tally in self._tallies.items()
@@ -160,7 +160,7 @@ class Recorder:
         ]
 
     def state(self) -> State:
-        """How it is going."""
+        """Return how the recording is going."""
         tallies = list(self._tallies.values())
         return State(
             recording=self._ended is None,
@@ -330,7 +330,7 @@ class Recorder:
 
 
 def _available_memory() -> int:
-    """Bytes that programs can still get, as the kernel estimates it."""
+    """Return the bytes that programs can still get, as the kernel estimates."""
     for line in Path("/proc/meminfo").read_text().splitlines():
         if line.startswith("MemAvailable:"):
             return int(line.split()[1]) << 10

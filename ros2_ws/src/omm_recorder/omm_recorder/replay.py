@@ -178,7 +178,7 @@ class ReplayNode(Node):
         return min(b.first_ns for b in blocks), max(b.last_ns for b in blocks)
 
     def _wait_for_listeners(self) -> None:
-        """Without this the first messages would go out before everybody is connected.
+        """Wait until everybody is connected, so that nobody misses the first messages.
 
         Listeners are announced to us one by one: it is waited until there is one to the images and
         one to the poses, all that are known are connected, and for a while no other comes.

@@ -64,7 +64,7 @@ KNOWN = (
 
 
 def adapted(wanted: TopicQos, offered: Sequence[TopicQos]) -> TopicQos:
-    """The strictest quality of service that matches every publisher of a topic.
+    """Return the strictest quality of service that matches every publisher of a topic.
 
     A subscription that asks for more than a publisher offers gets nothing of it.
     """

@@ -44,7 +44,7 @@ class Chain:
         return self._links[-1].offset + self._links[-1].length if self._links else 0
 
     def begins_well(self) -> bool:
-        """Whether the file begins as it was sealed; one that others wrote anew does not."""
+        """Return whether the file begins as it was sealed; a rewritten one does not."""
         return bool(self._links) and self._links[0].offset == 0 and self._holds(0)
 
     def check(self, offset: int) -> None:

@@ -97,7 +97,7 @@ def records(file: IO[bytes], start: int, end: int) -> Iterator[Record]:
 
 
 def content(file: IO[bytes], record: Record) -> bytes:
-    """The content of a record."""
+    """Return the content of a record."""
     if record.length > LARGEST_RECORD:
         raise Damaged(f"the record at byte {record.start - PREFIX.size} is larger than any is")
     file.seek(record.start)
@@ -121,7 +121,7 @@ def check_prefix(file: IO[bytes], record: Record) -> None:
 
 
 def stream(data: bytes | memoryview) -> ReadDataStream:
-    """Bytes as the `mcap` library's record classes read them."""
+    """Return the bytes as the `mcap` library's record classes read them."""
     return ReadDataStream(BytesIO(data))
 
 
@@ -144,7 +144,7 @@ def chunk_header(file: IO[bytes], record: Record) -> ChunkHeader:
 
 
 def chunk_data(file: IO[bytes], head: ChunkHeader) -> memoryview:
-    """The records in a chunk, decompressed, with the checksum checked.
+    """Return the records in a chunk, decompressed, with the checksum checked.
 
     Raises
     ------
@@ -188,7 +188,7 @@ def unzstd(raw: bytes | memoryview, size: int) -> bytes:
 
 
 def records_in_chunk(data: memoryview) -> Iterator[tuple[int, memoryview]]:
-    """The records in a chunk's data as (opcode, content), without copying.
+    """Yield the records in a chunk's data as (opcode, content), without copying.
 
     Raises
     ------
@@ -208,10 +208,10 @@ def records_in_chunk(data: memoryview) -> Iterator[tuple[int, memoryview]]:
 
 
 def read_schema(data: bytes | memoryview) -> Schema:
-    """A schema from a record's content."""
+    """Return a schema from a record's content."""
     return Schema.read(stream(data))
 
 
 def read_channel(data: bytes | memoryview) -> Channel:
-    """A channel from a record's content."""
+    """Return a channel from a record's content."""
     return Channel.read(stream(data))

@@ -78,12 +78,12 @@ def _deserialised(store: Any, data: Any, type_name: str) -> Any:
 
 
 def stamp_ns(message: Any) -> int:
-    """The stamp in a message's header, in nanoseconds."""
+    """Return the stamp in a message's header, in nanoseconds."""
     return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
 
 
 def image_pixels(message: Any) -> np.ndarray:
-    """The pixels of an image message: (height, width) uint8 or uint16, grey.
+    """Return the pixels of an image message: (height, width) uint8 or uint16, grey.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def image_pixels(message: Any) -> np.ndarray:
 
 
 def machine_T_spindle(message: Any) -> RigidTransform:
-    """The spindle's pose from a ``geometry_msgs/PoseStamped`` (m), in mm.
+    """Return the spindle's pose from a ``geometry_msgs/PoseStamped`` (m), in mm.
 
     Raises
     ------

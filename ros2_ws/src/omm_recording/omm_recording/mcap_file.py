@@ -164,7 +164,7 @@ class McapFile:
             raise Damaged("the index describes other topics than were recorded")
 
     def _sealed(self, chain: Chain, opcode: int) -> Iterator[bytes]:
-        """The contents of the records of a kind, each as it was sealed."""
+        """Yield the contents of the records of a kind, each as it was sealed."""
         for offset in chain.blocks(opcode):
             chain.check(offset)
             (record,) = itertools.islice(container.records(self._file, offset, self.size), 1)
@@ -206,7 +206,7 @@ class McapFile:
             )
 
     def blocks(self, topics: Collection[str] | None) -> Iterator[Block]:
-        """The blocks that may hold messages of these topics."""
+        """Yield the blocks that may hold messages of these topics."""
         if topics is None:
             yield from self._blocks
             return
@@ -218,7 +218,7 @@ class McapFile:
                 yield block
 
     def messages_in(self, block: Block) -> Iterator[tuple[int, int, int, int, memoryview]]:
-        """The messages of a block: channel, sequence, log and publish time (ns), data.
+        """Yield a block's messages: channel, sequence, log and publish time (ns), data.
 
         Raises
         ------
@@ -245,7 +245,7 @@ class McapFile:
             chain.check(offset)
 
     def attachments(self) -> Iterator[Attached]:
-        """The files inside the recording.
+        """Return the files inside the recording.
 
         Raises
         ------
@@ -269,13 +269,13 @@ class McapFile:
         )
 
     def attachment_names(self) -> list[str]:
-        """The names of the files inside, without reading them where there is an index."""
+        """Return the names of the files inside, without reading them where there is an index."""
         if self.summary is not None:
             return [entry.name for entry in self.summary.attachment_indexes]
         return [attached.name for attached in self.attachments()]
 
     def metadata(self) -> dict[str, dict[str, str]]:
-        """The metadata records, by their names; the last of a name counts."""
+        """Return the metadata records, by their names; the last of a name counts."""
         with self._damage_told():
             read = [
                 Metadata.read(container.stream(self._content(record)))
@@ -284,7 +284,7 @@ class McapFile:
         return {record.name: record.metadata for record in read}
 
     def _standing(self, opcode: Opcode) -> Iterator[Record]:
-        """Where the records of a kind stand, by the index or by walking over all records."""
+        """Yield where the records of a kind stand, by the index or by walking over all."""
         summary = self.summary
         if summary is None or (summary.statistics is None):
             for record in container.records(self._file, len(MAGIC), self.size - len(MAGIC)):
@@ -310,7 +310,7 @@ _BLOCKS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK, Opcode.ATTACHMENT, Opcod
 
 
 def _complete(summary: Summary) -> bool:
-    """Whether the summary suffices to find every message."""
+    """Return whether the summary suffices to find every message."""
     if summary.statistics is None:
         return False
     in_chunks = bool(summary.chunk_indexes) or summary.statistics.message_count == 0

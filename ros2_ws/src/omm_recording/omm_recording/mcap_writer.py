@@ -280,7 +280,7 @@ def _write_all(descriptor: int, parts: Sequence[bytes | bytearray | memoryview])
 
 
 def _message_index(channel: int, entries: list[tuple[int, int]]) -> bytes:
-    """Where the messages of one channel stand in the chunk, as MCAP writes it."""
+    """Return where the messages of one channel stand in the chunk, as MCAP writes it."""
     values = [value for entry in entries for value in entry]
     data = struct.pack(f"<{len(values)}Q", *values)
     head = PREFIX.pack(Opcode.MESSAGE_INDEX, 6 + len(data)) + struct.pack("<HI", channel, len(data))

@@ -41,7 +41,7 @@ def _why_there(unfinished: Path) -> str:
 
 
 def being_written(path: Path) -> bool:
-    """Whether a recorder holds the lock of a file."""
+    """Return whether a recorder holds the lock of a file."""
     with path.open("rb") as file:
         try:
             fcntl.flock(file.fileno(), fcntl.LOCK_SH | fcntl.LOCK_NB)

@@ -193,11 +193,11 @@ class Recording:
         return decode(message.data)
 
     def attachments(self) -> list[Attached]:
-        """The files inside the recording."""
+        """Return the files inside the recording."""
         return [attached for file in self.files for attached in file.attachments()]
 
     def attachment(self, name: str) -> bytes | None:
-        """The newest file of that name inside the recording.
+        """Return the newest file of that name inside the recording.
 
         Raises
         ------
@@ -217,7 +217,7 @@ class Recording:
         return data
 
     def metadata(self) -> dict[str, dict[str, str]]:
-        """The metadata records, by their names."""
+        """Return the metadata records, by their names."""
         return {name: values for file in self.files for name, values in file.metadata().items()}
 
 
@@ -236,7 +236,7 @@ def _plain(data: memoryview) -> memoryview:
 
 
 def _joined(files: tuple[McapFile, ...]) -> dict[str, Topic]:
-    """The topics of all files, with their messages counted together."""
+    """Return the topics of all files, with their messages counted together."""
     topics: dict[str, Topic] = {}
     for file in files:
         for identifier, channel in file.channels.items():

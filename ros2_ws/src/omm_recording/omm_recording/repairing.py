@@ -50,7 +50,7 @@ class _Definitions:
 
 
 def repaired_name(source: Path) -> Path:
-    """Where the repaired recording goes, if not told otherwise."""
+    """Return where the repaired recording goes, if not told otherwise."""
     if source.name.endswith(UNFINISHED):
         return source.with_name(source.name.removesuffix(UNFINISHED))
     return source.with_name(f"{source.stem}.repaired.mcap")
@@ -119,7 +119,7 @@ def _copy(file: IO[bytes], size: int, writer: RecordingWriter, recovered: Recove
 
 
 def _sound_records(file: IO[bytes], size: int, recovered: Recovered) -> Iterator[Record]:
-    """The records of the data section; over what is no record, on to the next chunk."""
+    """Yield the data section's records; skip what is none, on to the next chunk."""
     offset = len(MAGIC)
     while offset < size:
         try:
@@ -172,7 +172,7 @@ def _is_sound_chunk(file: IO[bytes], record: Record) -> bool:
 
 
 def _cut_chunk(file: IO[bytes], offset: int, size: int) -> Record | None:
-    """The last record, if it is a chunk of which the beginning is there."""
+    """Return the last record, if it is a chunk of which the beginning is there."""
     file.seek(offset)
     prefix = file.read(PREFIX.size)
     if len(prefix) < PREFIX.size or prefix[0] != Opcode.CHUNK:
@@ -204,7 +204,7 @@ def _copy_chunk(
 
 
 def _begun_chunk(file: IO[bytes], head: ChunkHeader) -> memoryview:
-    """As much of a chunk as its beginning gives. What is there was written in order."""
+    """Return as much of a chunk as its beginning gives. What is there was written in order."""
     file.seek(head.data_start)
     raw = file.read()
     try:
@@ -242,7 +242,7 @@ def _take(
 
 
 def _announced(identifier: int, definitions: _Definitions, writer: RecordingWriter) -> str:
-    """The topic of a channel, announced to the writer at its first message."""
+    """Return the topic of a channel, announced to the writer at its first message."""
     if identifier in definitions.written:
         return definitions.written[identifier]
     channel = definitions.channels.get(identifier)
@@ -277,7 +277,7 @@ def _copy_attachment(data: bytes, writer: RecordingWriter) -> None:
 
 
 def _compression(file: IO[bytes], size: int) -> str:
-    """That of the first chunk."""
+    """Return the first chunk's compression."""
     try:
         for record in container.records(file, len(MAGIC), size):
             if record.opcode == Opcode.CHUNK:

@@ -34,7 +34,7 @@ class TopicCount:
 
 
 def qos_profiles(qos: TopicQos) -> list[dict[str, Any]]:
-    """The list that rosbag2 keeps for each topic, with one entry."""
+    """Return the list that rosbag2 keeps for each topic, with one entry."""
     return [
         {
             "history": "keep_last",
@@ -51,7 +51,7 @@ def qos_profiles(qos: TopicQos) -> list[dict[str, Any]]:
 
 
 def channel_metadata(qos: TopicQos, type_hash: str) -> dict[str, str]:
-    """What rosbag2_storage_mcap writes into a channel."""
+    """Return what rosbag2_storage_mcap writes into a channel."""
     return {
         "offered_qos_profiles": dumped(qos_profiles(qos)),
         "topic_type_hash": type_hash,
@@ -76,7 +76,7 @@ def parsed_qos(text: str) -> TopicQos:
 def bag_metadata(
     file_name: str, topics: Sequence[TopicCount], start_ns: int, duration_ns: int, distro: str
 ) -> dict[str, Any]:
-    """The content of ``metadata.yaml`` under ``rosbag2_bagfile_information``."""
+    """Return the content of ``metadata.yaml`` under ``rosbag2_bagfile_information``."""
     total = sum(topic.messages for topic in topics)
     duration = {"nanoseconds": duration_ns}
     start = {"nanoseconds_since_epoch": start_ns}
@@ -117,7 +117,7 @@ def bag_metadata(
 
 
 def dumped(value: Any) -> str:
-    """YAML without anchors, in the order given."""
+    """Return YAML without anchors, in the order given."""
     return str(yaml.dump(value, Dumper=_Plain, sort_keys=False))
 
 

@@ -20,7 +20,7 @@ class RunFiles:
     recordings: tuple[Path, ...]
 
     def beside(self, name: str) -> Path | None:
-        """A file that lies beside the recording, if it is there."""
+        """Return a file that lies beside the recording, if it is there."""
         path = self.folder / name
         return path if path.is_file() else None
 
@@ -67,7 +67,7 @@ def _in_folder(folder: Path) -> RunFiles:
 
 
 def _listed(folder: Path) -> tuple[Path, ...]:
-    """The files that rosbag2's metadata.yaml names."""
+    """Return the files that rosbag2's metadata.yaml names."""
     path = folder / "metadata.yaml"
     root = read_yaml(path, "metadata of a rosbag2 recording").values
     try:

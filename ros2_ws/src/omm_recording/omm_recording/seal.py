@@ -22,7 +22,7 @@ _HEAD = "offset,length,sha256\n"
 
 
 def chain_text(links: Sequence[Link]) -> bytes:
-    """The links as a table."""
+    """Return the links as a table."""
     lines = [f"{link.offset},{link.length},{link.sha256}\n" for link in links]
     return (_HEAD + "".join(lines)).encode()
 
@@ -53,7 +53,7 @@ def parsed_chain(data: bytes) -> list[Link]:
 
 
 def sealed(links: Sequence[Link], key_file: Path | None) -> dict[str, str]:
-    """The content of the seal that closes these links."""
+    """Return the content of the seal that closes these links."""
     seal = {
         "algorithm": "link = SHA-256(previous link, bytes of the block)",
         "blocks": str(len(links)),
@@ -68,7 +68,7 @@ def sealed(links: Sequence[Link], key_file: Path | None) -> dict[str, str]:
 
 
 def load_key(path: Path) -> Any:
-    """A private key, as ``ssh-keygen -t ed25519`` or ``openssl genpkey -algorithm ed25519`` make.
+    """Return a private key, as ``ssh-keygen -t ed25519`` or ``openssl genpkey`` make one.
 
     Raises
     ------
@@ -93,12 +93,12 @@ def load_key(path: Path) -> Any:
 
 
 def public_text(key: Any) -> str:
-    """The public half of a key, as 64 hexadecimal digits."""
+    """Return the public half of a key, as 64 hexadecimal digits."""
     return str(key.public_key().public_bytes_raw().hex())
 
 
 def public_key(words: str) -> str:
-    """A public key as 64 hexadecimal digits, from those or from a file (OpenSSH or PEM).
+    """Return a public key as 64 hexadecimal digits, from those or from a file (OpenSSH or PEM).
 
     Raises
     ------
@@ -121,7 +121,7 @@ def public_key(words: str) -> str:
 
 
 def signature_holds(seal: dict[str, str]) -> bool:
-    """Whether the signature in a seal is that of the public key in it.
+    """Return whether the signature in a seal is that of the public key in it.
 
     Raises
     ------

@@ -50,7 +50,7 @@ class Contents:
         self.last_ns = max(self.last_ns, chunk.message_end_time)
 
     def statistics(self) -> Statistics:
-        """The statistics record."""
+        """Return the statistics record."""
         return Statistics(
             attachment_count=len(self.attachments),
             channel_count=len(self.channels),
@@ -65,7 +65,7 @@ class Contents:
 
 
 def ending(contents: Contents, offset: int) -> bytes:
-    """Everything from the end of the data to the end of the file.
+    """Return everything from the end of the data to the end of the file.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def ending(contents: Contents, offset: int) -> bytes:
 
 
 def serialised(record: Any) -> bytes:
-    """The bytes of one of the `mcap` library's records."""
+    """Return the bytes of one of the `mcap` library's records."""
     builder = RecordBuilder()
     record.write(builder)
     return bytes(builder.end())

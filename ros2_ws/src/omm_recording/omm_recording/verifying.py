@@ -84,7 +84,7 @@ def verify(path: Path, trusted_key: str | None = None) -> Verdict:
 
 
 def _check_words(seal: dict[str, str], links: list[Link], verdict: Verdict) -> None:
-    """The seal says what omm writes of these links, and nothing more."""
+    """Check that the seal says what omm writes of these links, and nothing more."""
     expected = sealed(links, None) if links else {}
     for name in sorted({*seal, *expected} - {"public_key_ed25519", "signature", "sha256"}):
         if seal.get(name) != expected.get(name):
@@ -135,7 +135,7 @@ def _link(file: IO[bytes], link: Link, before: bytes) -> str:
 
 
 def _check_rest(file: IO[bytes], links: list[Link], size: int, verdict: Verdict) -> None:
-    """After the chain come only the chain itself, the seal and the index that belongs to it all."""
+    """Check that only the chain itself, the seal and the index of it all follow the chain."""
     chained = links[-1].offset + links[-1].length if links else 0
     try:
         contents, end, after = _contents(file, size, chained)
@@ -150,7 +150,7 @@ def _check_rest(file: IO[bytes], links: list[Link], size: int, verdict: Verdict)
 
 
 def _contents(file: IO[bytes], size: int, chained: int) -> tuple[Contents, int, list[int]]:
-    """What the index must say; where it must begin; and the records after the chain."""
+    """Return what the index must say; where it must begin; and the records after the chain."""
     contents = Contents()
     after: list[int] = []
     chunk: tuple[Record, list[tuple[int, int, int]]] | None = None

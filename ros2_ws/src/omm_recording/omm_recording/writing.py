@@ -115,7 +115,7 @@ class RecordingWriter:
         return os.fstat(self._file.fileno()).st_nlink == 0
 
     def counts(self) -> dict[str, int]:
-        """Messages in the file so far, by topic."""
+        """Return the number of messages in the file so far, by topic."""
         counts = self._writer.contents.counts
         return {name: counts.get(channel, 0) for name, (channel, _) in self._topics.items()}
 
@@ -144,7 +144,7 @@ class RecordingWriter:
         self._writer.add_metadata(name, values)
 
     def fileno(self) -> int:
-        """The open file."""
+        """Return the open file."""
         return self._file.fileno()
 
     def write(
@@ -255,7 +255,10 @@ class RecordingWriter:
         return dumped({"rosbag2_bagfile_information": bag})
 
     def _rescue(self) -> None:
-        """The folder was removed: the data are there as long as the file is open. Copy them."""
+        """Copy the data into the folder again: it was removed.
+
+        They are there as long as the file is open.
+        """
         self.path.parent.mkdir(parents=True, exist_ok=True)
         written = Path(f"/proc/self/fd/{self._file.fileno()}")
         with written.open("rb") as source, self.unfinished.open("xb") as copy:

@@ -91,7 +91,7 @@ def _tile(image: DrawnImage, residual_scale: float) -> NDArray[np.uint8]:
 def _loupe(
     tile: NDArray[np.uint8], gray: NDArray[np.uint8], target: DrawnTarget, scale: float
 ) -> None:
-    """The first target at full size, with its centre, in the corner that is farthest from it."""
+    """Draw the first target at full size, with its centre, in the farthest corner."""
     half = _LOUPE_PX // 2
     col, row = (round(c) for c in target.center_px)
     cut = gray[max(0, row - half) : row + half, max(0, col - half) : col + half]
@@ -107,7 +107,7 @@ def _loupe(
 
 
 def _to_8_bit(pixels: NDArray[np.generic]) -> NDArray[np.uint8]:
-    """For the eye: stretched to the brightest, and dark surroundings lifted."""
+    """Convert to 8 bits for the eye: stretched to the brightest, dark surroundings lifted."""
     values = pixels.astype(np.float32)
     top = max(1.0, float(np.percentile(values[::4, ::4], 99.9)))
     share = np.clip(values / top, 0.0, 1.0)

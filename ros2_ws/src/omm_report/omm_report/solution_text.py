@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def solution_lines(solved: "SolvedRun") -> list[str]:
-    """The lines to print."""
+    """Return the lines to print."""
     solution = solved.result.solution
     used = sum(image.used for image in solved.result.images)
     lines = [
@@ -42,7 +42,7 @@ def solution_lines(solved: "SolvedRun") -> list[str]:
 def _table(
     told: "PoseStatement", recorded: "RecordedEstimate | None", truth: dict[str, float] | None
 ) -> list[str]:
-    """One statement of the pose, with U that holds 95.45 % of errors."""
+    """Return the lines of one statement of the pose, with U that holds 95.45 % of errors."""
     head = f"{'':<9}{'':<6}{'value':>13}{'U (95 %)':>11}"
     if recorded is not None:
         head += f"{'- recorded':>14}"
@@ -64,7 +64,7 @@ def _table(
 
 
 def _difference(value: float, recorded_si: float, unit: str) -> str:
-    """Against the live estimate; equal means to the last bit."""
+    """Return the lines that compare with the live estimate; equal means to the last bit."""
     if math.isnan(recorded_si):
         return "-"
     # As the estimator does for the topic, so that what is equal comes out equal.
@@ -86,7 +86,10 @@ def _images(solved: "SolvedRun") -> list[str]:
 
 
 def _truth(run: Path, which: str) -> dict[str, float] | None:
-    """The simulated truth, where it lies beside the run; of an exact machine there is one only."""
+    """Return the simulated truth (deg, mm) beside the run; None where there is none.
+
+    Of an exact machine there is only one.
+    """
     path = (run if run.is_dir() else run.parent) / "truth.json"
     if not path.is_file():
         return None

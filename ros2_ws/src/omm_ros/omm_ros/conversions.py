@@ -16,18 +16,18 @@ MM_PER_M = 1000.0
 
 
 def stamp_ns(stamp: Time) -> int:
-    """Nanoseconds since the epoch of a message's stamp."""
+    """Return a message's stamp as nanoseconds since the epoch."""
     return stamp.sec * 1_000_000_000 + stamp.nanosec
 
 
 def time_from_ns(nanoseconds: int) -> Time:
-    """The message's stamp of nanoseconds since the epoch."""
+    """Return a message's stamp from nanoseconds since the epoch."""
     sec, nanosec = divmod(int(nanoseconds), 1_000_000_000)
     return Time(sec=sec, nanosec=nanosec)
 
 
 def transform_from_pose(pose: Pose) -> RigidTransform:
-    """`a_T_b` in mm from a pose of b in a, in m.
+    """Return `a_T_b` in mm from a pose of b in a, in m.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def transform_from_pose(pose: Pose) -> RigidTransform:
 
 
 def pose_from_transform(a_t_b: RigidTransform) -> Pose:
-    """The pose of b in a, in m."""
+    """Return the pose of b in a, in m."""
     pose = Pose()
     x, y, z = (a_t_b.translation_mm / MM_PER_M).tolist()
     pose.position.x, pose.position.y, pose.position.z = x, y, z
@@ -52,7 +52,7 @@ def pose_from_transform(a_t_b: RigidTransform) -> Pose:
 
 
 def transform_message(a_t_b: RigidTransform) -> Transform:
-    """The same as `pose_from_transform`, as /tf wants it."""
+    """Return the pose of b in a, in m, as /tf wants it."""
     pose = pose_from_transform(a_t_b)
     transform = Transform(rotation=pose.orientation)
     transform.translation.x = pose.position.x
@@ -62,7 +62,7 @@ def transform_message(a_t_b: RigidTransform) -> Transform:
 
 
 def image_from_message(message: Image) -> Pixels:
-    """The pixels of a message, grey; without a copy where they are monochrome.
+    """Return the pixels of a message, grey; without a copy where they are monochrome.
 
     Returns
     -------
@@ -84,7 +84,9 @@ def image_from_message(message: Image) -> Pixels:
 
 
 def image_message(pixels: NDArray[np.generic], stamp_nanoseconds: int, frame_id: str) -> Image:
-    """A message around the pixels, without a copy: they must not change until it is published.
+    """Return a message around the pixels, without a copy.
+
+    They must not change until it is published.
 
     Parameters
     ----------

@@ -39,7 +39,7 @@ def _check_domain(text: str) -> None:
 
 
 def _check_log_folder() -> None:
-    """ROS_LOG_DIR, or ROS_HOME's log folder: made and written to, as ROS 2 would."""
+    """Make ROS's log folder (ROS_LOG_DIR, or below ROS_HOME); check that it is writable."""
     variable = next((name for name in ("ROS_LOG_DIR", "ROS_HOME") if os.environ.get(name)), None)
     if variable is None:
         return

@@ -25,7 +25,7 @@ class Interrupts:
         self._closing = False
 
     def close(self) -> None:
-        """From now on every SIGINT and SIGTERM is without effect."""
+        """Ignore every SIGINT and SIGTERM from now on."""
         self._closing = True
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)

@@ -37,7 +37,10 @@ def parameter(
     choices: tuple[str, ...] = (),
     read_only: bool = True,
 ) -> Any:
-    """A field of a parameter class. Read-only ones can be given at the start only."""
+    """Declare a field of a parameter class.
+
+    Read-only ones can be given at the start only.
+    """
     metadata = {
         "description": description,
         "minimum": minimum,
@@ -91,7 +94,7 @@ _OF_ROS_PREFIXES = ("qos_overrides.", "diagnostic_updater.")
 
 
 def _refuse_unknown(node: Node, kind: type) -> None:
-    """A misspelt `exposre_us` would otherwise leave the exposure as it was, and say nothing."""
+    """Refuse unknown parameters: a misspelt `exposre_us` would leave the exposure as it was."""
     # rclpy keeps what it was given here and offers no public way to it.
     given = node._parameter_overrides
     fields = {field.name for field in dataclasses.fields(kind)}
@@ -167,7 +170,7 @@ def _names_file(field: "dataclasses.Field[Any]") -> bool:
 
 
 def _given(node: Node, field: "dataclasses.Field[Any]") -> Any:
-    """The default; of a file, its absolute path: other nodes, elsewhere, read it, too."""
+    """Return the default; of a file, its absolute path, as nodes elsewhere read it, too."""
     if not _names_file(field):
         return _to_ros(field.default)
     override = node._parameter_overrides.get(field.name)
@@ -180,7 +183,7 @@ def _to_ros(value: Any) -> Any:
 
 
 def _checked(field: "dataclasses.Field[Any]", kind: Any, value: Any) -> Any:
-    """The value in the field's type, checked where rclpy does not check it itself."""
+    """Return the value in the field's type, checked where rclpy does not check it itself."""
     low, high = field.metadata["minimum"], field.metadata["maximum"]
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
         value = float(value)

@@ -49,7 +49,7 @@ def prepare(arguments: list[str] | None = None) -> None:
 
 
 def network_is_asked_for(words: list[str]) -> bool:
-    """Whether a command line sets the parameter ``network``: DDS starts before parameters do."""
+    """Return whether a command line sets ``network``, which DDS needs before parameters."""
     return any(value == "true" for value in _network_values(words))
 
 

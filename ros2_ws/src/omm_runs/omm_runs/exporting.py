@@ -131,7 +131,7 @@ def _name_of(attached: str, written: Sequence[Path]) -> str:
 
 
 def recorded_marks(recording: Recording) -> dict[int, list[Mark]]:
-    """What the live estimator found: with residuals as of its last estimate."""
+    """Return what the live estimator found, with residuals as of its last estimate."""
     last = None
     if ESTIMATE in recording.topics:
         for message in recording.messages([ESTIMATE]):

@@ -32,7 +32,7 @@ class RecordedEstimate:
 
 
 def recorded_settings(recording: Recording) -> Settings:
-    """The estimator's parameters at the end of the recording; empty where it was not running."""
+    """Return the estimator's parameters at the recording's end; empty if it was not running."""
     table = recording.metadata().get(f"omm_parameters {NODE}", {})
     settings = {name: _parsed(name, value) for name, value in table.items()}
     if not settings or EVENTS not in recording.topics:
@@ -51,7 +51,7 @@ _ARRAYS = ("byte_array", "bool_array", "integer_array", "double_array", "string_
 
 
 def _value(value: Any) -> Any:
-    """A parameter's value from its message; None where it is not set."""
+    """Return a parameter's value from its message; None where it is not set."""
     names = (None, *_SCALARS, *_ARRAYS)
     name = names[value.type] if value.type < len(names) else None
     return getattr(value, f"{name}_value") if name else None
@@ -113,7 +113,7 @@ def options_from(settings: Settings, machine: Machine | None = None) -> Measurem
 
 
 def _of_class(kind: Any, settings: Settings) -> Settings:
-    """Those settings that a class of options has under the same name."""
+    """Return those settings that a class of options has under the same name."""
     return {
         f.name: _checked(f.name, settings[f.name], f.default)
         for f in fields(kind)
@@ -122,7 +122,7 @@ def _of_class(kind: Any, settings: Settings) -> Settings:
 
 
 def recorded_estimate(recording: Recording) -> RecordedEstimate | None:
-    """The last estimate that the live node published."""
+    """Return the last estimate that the live node published."""
     if ESTIMATE not in recording.topics:
         return None
     last: Any = None

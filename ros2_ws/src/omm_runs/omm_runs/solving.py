@@ -78,7 +78,7 @@ class SolvedRun:
     """What people should know of how it was solved."""
 
     def images(self) -> Iterator[tuple[int, "NDArray[np.generic]"]]:
-        """The images with their stamps (ns), read anew from the recording."""
+        """Yield the images with their stamps (ns), read anew from the recording."""
         with Recording(self.run) as recording:
             for message in recording.messages([self.options.image_topic]):
                 image = recording.decode(message)

@@ -52,7 +52,7 @@ def solve_many(
 
 
 def _solved(runs: Sequence[Path], options: SolveRunOptions, jobs: int) -> list[Outcome]:
-    """The outcomes in the order of the runs."""
+    """Return the outcomes in the order of the runs."""
     outcomes: dict[int, Outcome] = {}
     # Fresh processes: those forked from a process with threads may hang.
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
@@ -106,7 +106,7 @@ def _failure(run: Path, status: str, message: str) -> Outcome:
 
 
 def table_text(outcomes: Sequence[Outcome]) -> str:
-    """The outcomes as CSV: one line for each run, in the order given."""
+    """Return the outcomes as CSV: one line for each run, in the order given."""
     keys = [quantity.key for quantity in THETA]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")

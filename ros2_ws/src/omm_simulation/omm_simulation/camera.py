@@ -45,7 +45,7 @@ class _Window:
     height: int
 
     def grid_shape(self) -> tuple[int, int]:
-        """Rows and columns of a grid of every GRID_STEP_PX-th pixel that covers it."""
+        """Return the rows and columns of a grid of every GRID_STEP_PX-th pixel that covers it."""
         return -(-self.height // GRID_STEP_PX) + 1, -(-self.width // GRID_STEP_PX) + 1
 
     def as_tuple(self) -> tuple[int, int, int, int]:
@@ -78,7 +78,7 @@ class SimulatedCamera:
     def exposure_poses(
         self, machine_T_spindle_at: Callable[[int], RigidTransform], middle_ns: int
     ) -> tuple[RigidTransform, ...]:
-        """Where the spindle is during an exposure; a single pose where it stands still.
+        """Return where the spindle is during an exposure; a single pose where it stands still.
 
         Parameters
         ----------
@@ -129,7 +129,7 @@ class SimulatedCamera:
         return expose(ideal, self._imaging, seed=((self._seed << 32) + frame) % 2**64, bits=bits)
 
     def ideal(self, machine_T_spindle: RigidTransform | Sequence[RigidTransform]) -> Image32:
-        """What the pixels would say without noise and quantisation (read-only; 8-bit scale).
+        """Return what the pixels would say without noise and quantisation (read-only; 8-bit scale).
 
         The last image is kept: while the spindle stands still there is nothing to render.
         """
@@ -150,11 +150,14 @@ class SimulatedCamera:
         return image
 
     def machine_T_camera(self, machine_T_spindle: RigidTransform) -> RigidTransform:
-        """R_C = R_CNC R_s R_calib, d_C = R_CNC R_s d_calib + d_CNC (paper eq. 21)."""
+        """Return the camera's pose (paper eq. 21).
+
+        R_C = R_CNC R_s R_calib, d_C = R_CNC R_s d_calib + d_CNC.
+        """
         return machine_T_spindle @ self._spindle_T_camera
 
     def _shift_px(self, a: RigidTransform, b: RigidTransform) -> float:
-        """About how far the image moves between two poses."""
+        """Return roughly how far the image moves between two poses, px."""
         focal_px = self._lens[1]
         moved_mm = float(np.linalg.norm(a.translation_mm - b.translation_mm))
         turned_rad = float(np.linalg.norm(a.rotation - b.rotation)) / 2**0.5
@@ -222,7 +225,10 @@ class SimulatedCamera:
         self, target: SceneTarget, plane_of_pixel: PlaneOfPixel, camera_T_target: RigidTransform,
         window: _Window,
     ) -> Floats:  # fmt: skip
-        """Coverage by dot and ring: the dot exact, the ring of a large target less finely cut."""
+        """Return the coverage by dot and ring.
+
+        The dot is exact, the ring of a large target less finely cut.
+        """
         imaging, family = self._imaging, self._scene.family
 
         def coverage(inside: _Window, cells: int) -> Floats:
@@ -279,7 +285,7 @@ class SimulatedCamera:
         return plane_of_pixel
 
     def _window(self, camera_T_disc: RigidTransform, radius_mm: float) -> _Window | None:
-        """Where a disc appears, with room for the blur; None where it is not seen."""
+        """Return where a disc appears, with room for the blur; None where it is not seen."""
         centre, normal = camera_T_disc.translation_mm, camera_T_disc.rotation[:, 2]
         if centre @ normal >= 0.0 or centre[2] <= radius_mm:  # seen from behind, or not before us
             return None
@@ -325,7 +331,7 @@ class SimulatedCamera:
 
 
 def _spindle_T_camera(gamma_s_rad: float, taper_T_camera: RigidTransform) -> RigidTransform:
-    """The holder turned by γ_s in the spindle (paper eq. 22), written out here once more."""
+    """Return the holder turned by γ_s in the spindle (paper eq. 22), written out here once more."""
     cos, sin = np.cos(gamma_s_rad), np.sin(gamma_s_rad)
     holder = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
     return RigidTransform(

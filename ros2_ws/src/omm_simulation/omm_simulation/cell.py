@@ -37,7 +37,7 @@ _STREAMS = {name: i for i, name in enumerate(_NAMES)}
 
 
 def random_stream(seed: int, name: str) -> np.random.Generator:
-    """An own source of random numbers for each thing that is drawn in a cell."""
+    """Return a separate source of random numbers for each thing that is drawn in a cell."""
     return np.random.default_rng([seed, _STREAMS[name]])
 
 
@@ -77,11 +77,11 @@ class Cell:
     clamping_seed: int
 
     def theta(self) -> dict[str, float]:
-        """The true absolute pose, in the form of `solve --json` and in the order of θ."""
+        """Return the true absolute pose, in the form of `solve --json` and in the order of θ."""
         return self._theta(self.machine_T_part)
 
     def theta_own(self) -> dict[str, float]:
-        """The true pose in the machine's own coordinates, in the same form."""
+        """Return the true pose in the machine's own coordinates, in the same form."""
         if self.errors.geometry is None:
             return self.theta()
         ids = [target.id for target in self.scenario.part.targets]
@@ -94,7 +94,7 @@ class Cell:
         return self._theta(own)
 
     def geometry_at_stops_mm(self) -> NDArray[np.float64]:
-        """What the machine's geometry is off at the programmed stops, (S, 3)."""
+        """Return the machine's geometric errors at the programmed stops, (S, 3)."""
         return self.errors.geometry_mm(
             np.array([stop.spindle_in_machine_mm for stop in self.stops])
         )
@@ -106,7 +106,7 @@ class Cell:
         return {quantity.key: float(value) for quantity, value in zip(THETA, values)}
 
     def truth(self) -> dict[str, Any]:
-        """What truth.json says: the poses, and everything that is not as it seems."""
+        """Return what truth.json says: the poses, and everything that is not as it seems."""
         told, true = self.scenario.calibration, self.true_calibration
         names = told.parameter_names()
         return {
@@ -236,7 +236,7 @@ def _bumped(part: Part, target_id: int | None, bump_mm: tuple[float, float, floa
 
 
 def _stops(scenario: Scenario, seed: int) -> tuple[Stop, ...]:
-    """Two stops for each target, one stereo base apart along the spindle's x.
+    """Return two stops for each target, one stereo base apart along the spindle's x.
 
     The programmer knows the part's nominal place and the camera's nominal holder, not the truth.
     """
@@ -270,7 +270,7 @@ def _stops(scenario: Scenario, seed: int) -> tuple[Stop, ...]:
 def _towards_the_middle(
     part: Part, machine_T_part: RigidTransform, axis: NDArray[np.float64]
 ) -> dict[int, NDArray[np.float64]]:
-    """For each target the direction to the middle of all, (3,), across the spindle's axis."""
+    """Return each target's direction to the middle of all, (3,), across the spindle's axis."""
     places = machine_T_part @ np.array([target.xyz_mm for target in part.targets])
     across = (places.mean(axis=0) - places) @ (np.eye(3) - np.outer(axis, axis))
     lengths = np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)

@@ -161,7 +161,7 @@ class SimulatedControl:
         return waited_for
 
     def state(self, time_ns: int) -> ControlState:
-        """What the control says at a time (not before events that were already taken in)."""
+        """Return what the control says at a time (not before events that were already taken in)."""
         self._advance(time_ns)
         current = next((b for b in reversed(self._begun) if b.start_ns <= time_ns), None)
         commanded = self._commanded(time_ns)
@@ -202,16 +202,16 @@ class SimulatedControl:
         )
 
     def true_machine_T_spindle(self, time_ns: int) -> RigidTransform:
-        """Where the spindle truly is, which the control does not know."""
+        """Return where the spindle truly is, which the control does not know."""
         self._advance(time_ns)
         return self._pose(self._followed(time_ns, self._structure) + self._error(time_ns))
 
     def finished(self, time_ns: int) -> bool:
-        """Whether the program has come to its end."""
+        """Return whether the program has come to its end."""
         return self.state(time_ns).program_state is ProgramState.FINISHED
 
     def next_event_ns(self) -> int | None:
-        """When the step that was begun last ends by itself; None at the program's end."""
+        """Return when the step that was begun last ends by itself; None at the program's end."""
         if not self._begun:
             return self._start_ns
         last = self._begun[-1]
@@ -257,7 +257,7 @@ class SimulatedControl:
         return move.end_ns
 
     def _profile(self, change_mm: Floats) -> Profile:
-        """As fast as the slowest axis allows, all axes arriving together."""
+        """Return the profile as fast as the slowest axis allows, all axes arriving together."""
         axes = [self._machine.axes[name] for name in AXIS_NAMES]
         lengths = np.maximum(np.abs(change_mm), 1e-12)
         factor = self._speed_factor
@@ -276,7 +276,7 @@ class SimulatedControl:
         return move.start_mm + along * move.change_mm
 
     def _followed(self, time_ns: int, follower: Follower) -> Floats:
-        """The command as a follower follows it: the responses to all moves add up."""
+        """Return the command as a follower follows it: the responses to all moves add up."""
         moved_mm = np.zeros(3)
         for move in reversed(self._moves):
             along = follower.response(move.profile, (time_ns - move.start_ns) * 1e-9)
@@ -286,12 +286,12 @@ class SimulatedControl:
         return np.array(self._machine.home_mm) + moved_mm
 
     def _error(self, time_ns: int) -> Floats:
-        """Where the spindle is off what the scales see."""
+        """Return how far the spindle is from where the scales see it."""
         geometry = self._errors.geometry_mm(self._commanded(time_ns))
         return np.asarray(geometry + self._error_of_stop(time_ns))
 
     def _next_error_of_stop(self, change_mm: Floats, arrival_ns: int) -> Floats:
-        """What a stop is off besides the geometry: at random, by its side, by warmth."""
+        """Draw a stop's error besides the geometry: at random, by its side, by warmth."""
         declared = self._declared
         self._signs = np.where(change_mm == 0.0, self._signs, np.sign(change_mm))
         noise = draw_stop_noise(self._rng, 1, declared.stop_sigma_mm)[0]
@@ -303,7 +303,7 @@ class SimulatedControl:
         return np.asarray(noise + lost_motion(self._signs, declared.lost_motion_mm) + drift)
 
     def _error_of_stop(self, time_ns: int) -> Floats:
-        """The same at any time: it changes from stop to stop."""
+        """Return a stop's error at any time: it changes from stop to stop."""
         move = self._last_move(time_ns)
         if move is None:
             return np.zeros(3)

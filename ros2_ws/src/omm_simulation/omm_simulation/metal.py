@@ -33,7 +33,7 @@ class Metal:
 
 @lru_cache(maxsize=2)
 def machined_plate(seed: int, contrast: float) -> Metal:
-    """A plate: milling marks and clutter at the scale of a target, a brushed grain below it.
+    """Return a plate: milling marks and clutter at the scale of a target, a brushed grain below it.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def _positive(reflectance: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _noise(rng: np.random.Generator, *, sigma_px: tuple[float, float]) -> NDArray[np.float32]:
-    """Periodic Gaussian noise, smooth over so many pixels in x and y."""
+    """Return periodic Gaussian noise, smooth over so many pixels in x and y."""
     white = rng.standard_normal((TILE_PX, TILE_PX), dtype=np.float32)
     along_x, along_y = (
         np.exp(-2 * np.pi**2 * (sigma * frequency) ** 2).astype(np.float32)
@@ -73,7 +73,7 @@ def _noise(rng: np.random.Generator, *, sigma_px: tuple[float, float]) -> NDArra
 
 
 def _milling_marks(rng: np.random.Generator) -> NDArray[np.float32]:
-    """The arcs that a face mill leaves, pass beside pass."""
+    """Return the arcs that a face mill leaves, pass beside pass."""
     index = np.arange(TILE_PX, dtype=np.float32)
     period_px, radius_px = TILE_PX / 4, 0.8 * TILE_PX
     row_in_pass = (index % period_px) - period_px / 2
@@ -84,7 +84,7 @@ def _milling_marks(rng: np.random.Generator) -> NDArray[np.float32]:
 
 
 def _clutter(rng: np.random.Generator) -> NDArray[np.float32]:
-    """Scratches, drilled holes and stamped numbers, added to the reflectance."""
+    """Return scratches, drilled holes and stamped numbers, added to the reflectance."""
     drawn = np.zeros((TILE_PX, TILE_PX), np.float32)
 
     def anywhere() -> tuple[int, int]:
@@ -117,7 +117,7 @@ def _clutter(rng: np.random.Generator) -> NDArray[np.float32]:
 
 @numba.njit(cache=True, nogil=True)
 def plate_grid(lens: LensNumbers, homography: Floats, rows: int, cols: int) -> Floats:
-    """Where the grid's points see the plate, in mm, shape (2, rows, cols)."""
+    """Return where the grid's points see the plate, in mm, shape (2, rows, cols)."""
     seen = np.empty((2, rows, cols))
     for j in range(rows):
         for i in range(cols):

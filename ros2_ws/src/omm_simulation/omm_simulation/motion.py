@@ -57,7 +57,7 @@ class Profile:
         return np.array(states)
 
     def at(self, time_s: float) -> Floats:
-        """Position, velocity, acceleration and jerk, shape (4,), in path lengths and s."""
+        """Return position, velocity, acceleration and jerk, shape (4,), in path lengths and s."""
         if time_s < 0.0:
             return np.zeros(4)
         if time_s >= self.duration_s:
@@ -79,7 +79,7 @@ def _advance(state: Floats, jerk: float, time_s: float) -> Floats:
 
 
 def rest_to_rest(*, velocity: float, acceleration: float, jerk: float) -> Profile:
-    """The fastest profile over a path of length 1 within the limits.
+    """Return the fastest profile over a path of length 1 within the limits.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def rest_to_rest(*, velocity: float, acceleration: float, jerk: float) -> Profil
 
 
 def _acceleration_phase(velocity: float, acceleration: float, jerk: float) -> tuple[float, float]:
-    """How long the jerk acts, and how long the acceleration then holds (both in s)."""
+    """Return how long the jerk acts, and how long the acceleration then holds (both in s)."""
     ramp_s = min(acceleration / jerk, (velocity / jerk) ** 0.5)
     hold_s = max(0.0, velocity / (jerk * ramp_s) - ramp_s)
     if jerk * ramp_s * (ramp_s + hold_s) * (2 * ramp_s + hold_s) <= 1.0:
@@ -151,7 +151,7 @@ class Follower:
         return float(35.0 / np.min(-self._poles.real)) if len(self._poles) else 0.0
 
     def response(self, profile: Profile, time_s: float) -> float:
-        """How far along its path (1 = all of it) the machine is, at a time since its start."""
+        """Return how far along its path (1 = all of it) the machine is, a time after its start."""
         if time_s <= 0.0:
             return 0.0
         if time_s >= profile.duration_s + self.settled_s:

@@ -160,7 +160,7 @@ class _Trigger:
         self._pending = delivered_ns, self._last
 
     def delivered(self, now_ns: int) -> ImageMessage | None:
-        """The image that has been read out by now, once."""
+        """Return the image that has been read out by now, once."""
         if self._pending is None or now_ns < self._pending[0]:
             return None
         _, image = self._pending

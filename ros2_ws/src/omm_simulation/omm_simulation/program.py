@@ -51,7 +51,7 @@ Step = MoveTo | Dwell | AskForImage
 
 
 def measuring_program(cell: Cell, repetitions: int = 1) -> tuple[Step, ...]:
-    """The steps of a cell's program.
+    """Return the steps of a cell's program.
 
     Between targets the spindle backs off by the program's `retract_mm` along its axis.
     """
@@ -82,7 +82,7 @@ def measuring_program(cell: Cell, repetitions: int = 1) -> tuple[Step, ...]:
 
 
 def _away_from_part(cell: Cell) -> NDArray[np.float64]:
-    """The spindle's axis, from the tool to the spindle, in `machine`."""
+    """Return the spindle's axis, from the tool to the spindle, in `machine`."""
     rotation = RigidTransform.from_euler_xyz_rad(
         *cell.scenario.machine.spindle_euler_xyz_rad
     ).rotation

@@ -21,7 +21,7 @@ _BROWN, _PLUMB_BOB = 0.0, 1.0
 
 
 def lens_numbers(lens: Lens) -> LensNumbers:
-    """A lens as the kernels below take it."""
+    """Return a lens as the kernels below take it."""
     if isinstance(lens, BrownPhotogrammetric):
         focal_px = lens.focal_length_mm / lens.pixel_size_mm
         col, row = (lens.width_px - 1) / 2 + lens.cl0_px, (lens.height_px - 1) / 2 + lens.rw0_px
@@ -35,7 +35,7 @@ def lens_numbers(lens: Lens) -> LensNumbers:
 
 @numba.njit(cache=True, nogil=True)
 def ray_of_pixel(lens: LensNumbers, col: float, row: float) -> tuple[float, float]:
-    """(u/w, v/w) of the ray that ends in a point of the image."""
+    """Return (u/w, v/w) of the ray that ends in a point of the image."""
     k1, k2, k3, p1, p2 = lens[5], lens[6], lens[7], lens[8], lens[9]
     if lens[0] == _BROWN:  # measured to ideal is the closed direction
         x, y = col - lens[3], row - lens[4]
@@ -59,7 +59,7 @@ def ray_of_pixel(lens: LensNumbers, col: float, row: float) -> tuple[float, floa
 
 
 def plane_homography(camera_R_plane: Floats, plane_in_camera_mm: Floats) -> Floats:
-    """From rays to the plane's own coordinates, shape (3, 3).
+    """Return the homography from rays to the plane's own coordinates, shape (3, 3).
 
     The ray r = (u/w, v/w, 1) meets the plane through c with the axes e1, e2 and the normal n at
     t·r with t = (n·c) / (n·r); there, the plane's coordinates are e·(t r − c). As a homography:
@@ -79,7 +79,7 @@ def plane_homography(camera_R_plane: Floats, plane_in_camera_mm: Floats) -> Floa
 
 @numba.njit(cache=True, nogil=True)
 def see_plane(lens: LensNumbers, homography: Floats, pixels: Floats) -> Floats:
-    """Where points of the image (N, 2) see a plane, in its coordinates (N, 2) in mm."""
+    """Return where points of the image (N, 2) see a plane, in its coordinates (N, 2) in mm."""
     seen = np.empty_like(pixels)
     for i in range(len(pixels)):
         x, y = ray_of_pixel(lens, pixels[i, 0], pixels[i, 1])

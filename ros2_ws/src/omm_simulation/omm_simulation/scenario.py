@@ -187,7 +187,7 @@ class Scenario:
 
 
 def scenario_folder() -> Path:
-    """Where the scenarios are: beside the sources, or in the installed share folder."""
+    """Return where the scenarios are: beside the sources, or in the installed share folder."""
     beside_sources = Path(__file__).resolve().parent.parent / "scenarios"
     if beside_sources.is_dir():
         return beside_sources
@@ -197,7 +197,7 @@ def scenario_folder() -> Path:
 
 
 def scenario_names() -> tuple[str, ...]:
-    """The scenarios that omm brings along."""
+    """Return the scenarios that omm brings along."""
     return tuple(sorted(path.parent.name for path in scenario_folder().glob("*/scenario.yaml")))
 
 

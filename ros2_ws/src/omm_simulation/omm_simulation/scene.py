@@ -67,7 +67,7 @@ class Scene:
 
 
 def scene_of(cell: Cell) -> Scene:
-    """The scene of a cell; equal cells have equal scenes."""
+    """Return the scene of a cell; equal cells have equal scenes."""
     rng = random_stream(cell.seed, "scene")
     imaging = cell.scenario.imaging
     family = TargetFamily.by_name(cell.true_part.target_family)
@@ -105,14 +105,17 @@ def scene_of(cell: Cell) -> Scene:
 
 
 def _normals(part: Part, towards_camera: Floats) -> Floats:
-    """The targets' normals, (N, 3) in the part frame; out of the surface, whatever the file's."""
+    """Return the targets' normals, (N, 3) in the part frame.
+
+    They point out of the surface, whatever the file says.
+    """
     normals = [part.normal_of(target) for target in part.targets]
     told = [towards_camera if normal is None else normal for normal in normals]
     return np.array([normal if normal @ towards_camera > 0 else -normal for normal in told])
 
 
 def _plate_normal(part: Part, normals: Floats) -> Floats:
-    """Of the plane through the targets, where they span one."""
+    """Return the normal of the plane through the targets, where they span one."""
     mean = _unit(normals.mean(axis=0))
     spanned = part.plane_normal()
     if spanned is None:
@@ -121,7 +124,7 @@ def _plate_normal(part: Part, normals: Floats) -> Floats:
 
 
 def _axes(normal: Floats, angle_rad: float) -> Floats:
-    """A right-handed frame with z along the normal, turned about it; shape (3, 3)."""
+    """Return a right-handed frame with z along the normal, turned about it; shape (3, 3)."""
     along = np.array([0.0, 0.0, 1.0]) if abs(normal[2]) < 0.9 else np.array([0.0, 1.0, 0.0])
     x = _unit(np.cross(along, normal))
     y = np.cross(normal, x)
@@ -139,7 +142,7 @@ def _reflections(
     part_T_plate: RigidTransform,
     per_target: int,
 ) -> tuple[Reflection, ...]:
-    """So many bright ellipses around each target, none of which touches a label."""
+    """Return bright ellipses around each target, none of which touches a label."""
     plate_T_part = part_T_plate.inverse()
     labels = [
         ((plate_T_part @ t.part_T_target.translation_mm)[:2], t.label_radius_mm) for t in targets

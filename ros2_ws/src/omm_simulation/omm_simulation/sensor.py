@@ -17,7 +17,10 @@ from omm_simulation.scenario import Imaging
 
 @lru_cache(maxsize=1)
 def _normal_quantiles() -> NDArray[np.float32]:
-    """Normal deviates of the middles of 65536 equal slices of probability, variance exactly 1."""
+    """Return normal deviates at the middles of 65536 equal slices of probability.
+
+    Their variance is exactly 1.
+    """
     from scipy.special import ndtri
 
     deviates = ndtri((np.arange(65536) + 0.5) / 65536)

@@ -121,7 +121,7 @@ def affine_plane(
     tilt_rad: float = 0.0,
     axis_rad: float = 0.0,
 ) -> PlaneOfPixel:
-    """Mapping of a distant tilted target; its plane is measured in dot radii (dot radius 1).
+    """Return the mapping of a distant tilted target; its plane is measured in dot radii.
 
     `radius_px` is the ellipse's larger semi-axis; the plane is tilted by `tilt_rad` about the
     direction `axis_rad` in the image (from col towards row).
@@ -138,7 +138,7 @@ def affine_plane(
 
 
 def _pixel_weights(blur_px: float, margin: int, k: int) -> Floats:
-    """Weights of the cells for one pixel: the Gaussian, summed over the pixel's k cells."""
+    """Return the weights of the cells for one pixel: the Gaussian, summed over its k cells."""
     if margin == 0:
         return np.full(k, 1.0 / k)
     offsets = np.arange(-margin * k, margin * k + 1) / k
@@ -148,7 +148,7 @@ def _pixel_weights(blur_px: float, margin: int, k: int) -> Floats:
 
 @numba.njit(cache=True, nogil=True)
 def _reduce(fine, weights, k):
-    """Weighted sums along the second axis, one per k cells."""
+    """Return weighted sums along the second axis, one per k cells."""
     rows = fine.shape[0]
     cols = (fine.shape[1] - len(weights)) // k + 1
     out = np.empty((rows, cols))
@@ -163,7 +163,7 @@ def _reduce(fine, weights, k):
 
 @numba.njit(cache=True, nogil=True)
 def _half_plane(distance, a, b):
-    """Area of a unit square where a u + b v + distance > 0 (a, b: gradient, any scale)."""
+    """Return the area of a unit square where a u + b v + distance > 0 (a, b: gradient)."""
     a, b = abs(a), abs(b)
     if a < b:
         a, b = b, a
@@ -180,7 +180,7 @@ def _half_plane(distance, a, b):
 
 @numba.njit(cache=True, nogil=True)
 def _cover(x, y, jxu, jxv, jyu, jyv, dot, inner, outer, bits, phase):
-    """Coverage of one cell around (x, y); j..: its sides in the plane."""
+    """Return the coverage of one cell around (x, y); j..: its sides in the plane."""
     r = math.sqrt(x * x + y * y)
     if r < 1e-9:
         return 1.0

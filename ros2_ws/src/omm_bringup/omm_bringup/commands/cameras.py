@@ -29,7 +29,7 @@ class ListedCamera:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the command."""
+    """Declare the command's arguments."""
     parser.add_argument("--json", action="store_true", help="machine-readable, on standard output")
     parser.add_argument(
         "--timeout", type=float, default=1.0, metavar="S", help="how long to listen (default 1 s)"

@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def as_json(path: Path, detection: Detection) -> dict[str, Any]:
-    """One image's entry; the keys of the contract first."""
+    """Return one image's entry, with the keys of the contract first."""
     return {
         "image": str(path),
         "targets": [

@@ -37,7 +37,7 @@ class Finding:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the command."""
+    """Declare the command's arguments."""
     parser.add_argument("--json", action="store_true", help="machine-readable, on standard output")
 
 
@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def look() -> list[Finding]:
-    """Everything that omm can use of the system."""
+    """Return everything that omm can use of the system."""
     return [
         _tool("c++", "builds the ROS messages", "sudo apt install g++", needed=True),
         _tool("cmake", "builds the ROS messages", "sudo apt install cmake make", needed=True),

@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _marks(run: Path):  # type: ignore[no-untyped-def]
-    """What to draw: nothing given where the recording itself tells it."""
+    """Return what to draw: nothing where the recording itself tells it."""
     from omm_core.errors import InputError, warn
     from omm_recording.reading import Recording
     from omm_runs.exporting import ESTIMATE, OBSERVATIONS, Mark

@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """0 = done, 1 where a check found something."""
+    """Run the checks asked for; return 0, or 1 where one found something."""
     return _show(args)
 
 
@@ -60,7 +60,7 @@ def _print_pose(machine: "Machine", axes: dict[str, float]) -> None:
 
 
 def _axes(words: list[str], machine: "Machine") -> dict[str, float]:
-    """Positions from AXIS=VALUE, degrees to rad where the axis turns."""
+    """Return the positions given as AXIS=VALUE, degrees turned to rad where the axis turns."""
     rotary = {axis.name: axis.rotary for axis in machine.axes}
     axes = {}
     for word in words:

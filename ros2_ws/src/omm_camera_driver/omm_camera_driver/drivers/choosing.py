@@ -10,7 +10,7 @@ MakeDriver = Callable[[], CameraDriver]
 
 
 def gige(parameters: Parameters, poses: TruePoses) -> MakeDriver:
-    """GigE Vision through Aravis."""
+    """Make the driver of GigE Vision cameras, through Aravis."""
     from omm_camera_driver.drivers.gige.driver import GigeDriver, GigeOptions
 
     options = GigeOptions(
@@ -24,7 +24,7 @@ def gige(parameters: Parameters, poses: TruePoses) -> MakeDriver:
 
 
 def v4l2(parameters: Parameters, poses: TruePoses) -> MakeDriver:
-    """Video4Linux: USB cameras and others with a /dev/video node."""
+    """Make the driver of Video4Linux: USB cameras and others with a /dev/video node."""
     from omm_camera_driver.drivers.v4l2.driver import V4l2Driver
 
     device, readout_ms = parameters.device, parameters.readout_ms
@@ -32,7 +32,7 @@ def v4l2(parameters: Parameters, poses: TruePoses) -> MakeDriver:
 
 
 def simulated(parameters: Parameters, poses: TruePoses) -> MakeDriver:
-    """The simulated cell's camera."""
+    """Make the driver of the simulated cell's camera."""
     from omm_camera_driver.drivers.simulated.cell_view import cell_view
     from omm_camera_driver.drivers.simulated.driver import SimulatedDriver
 

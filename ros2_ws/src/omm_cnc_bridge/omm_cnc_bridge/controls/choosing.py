@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def make_control(p: Parameters) -> tuple[Control, Machine]:
-    """Raises InputError where the parameters do not fit together. Connects to nothing yet."""
+    """Make the control that the parameters name; connect to nothing yet."""
     if p.control == "simulated":
         return _simulated(p)
     if p.control == "linuxcnc" and p.linuxcnc_cell:
@@ -73,7 +73,7 @@ def _mtconnect(p: Parameters) -> Control:
 
 
 def _linuxcnc_cell(p: Parameters) -> tuple[Control, Machine]:
-    """A real LinuxCNC with simulated drives, which runs the scenario's stops."""
+    """Make a real LinuxCNC with simulated drives, which runs the scenario's stops."""
     from omm_cnc_bridge.controls.linuxcnc.cell import DemoLinuxCnc
     from omm_cnc_bridge.controls.simulated.control import machine_of
     from omm_core.planning.linuxcnc_program import linuxcnc_program

@@ -27,7 +27,7 @@ class Finding:
 
 
 def motion_of(machine: Machine, axis: Axis) -> NDArray[np.float64]:
-    """How the spindle moves as the part sees it, per mm or rad of one axis at zero.
+    """Return how the part sees the spindle move, per mm or rad of one axis at zero.
 
     Returns
     -------
@@ -45,7 +45,7 @@ def motion_of(machine: Machine, axis: Axis) -> NDArray[np.float64]:
 
 
 def check(machine: Machine) -> tuple[Finding, ...]:
-    """All findings, good ones included."""
+    """Return all findings, good ones included."""
     findings = [_direction(machine, axis) for axis in machine.axes]
     findings += [_limits(axis) for axis in machine.axes]
     return (*findings, _handedness(machine), _order(machine))

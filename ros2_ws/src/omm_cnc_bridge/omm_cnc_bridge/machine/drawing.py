@@ -18,7 +18,7 @@ _COS, _SIN = math.cos(math.radians(30.0)), math.sin(math.radians(30.0))
 
 
 def draw(machine: Machine) -> str:
-    """An SVG document of the machine with all axes at zero."""
+    """Return an SVG document of the machine with all axes at zero."""
     lines, labels = _lines(machine)
     points = np.array([p for a, b, _ in lines for p in (a, b)])
     to_page = _page(points)
@@ -35,7 +35,7 @@ def draw(machine: Machine) -> str:
 
 
 def _lines(machine: Machine) -> tuple[list[tuple[Array, Array, str]], list[tuple[Array, str, str]]]:
-    """Segments (from, to, style) in mm, and labels (at, text, colour)."""
+    """Return the segments (from, to, style) in mm, and the labels (at, text, colour)."""
     sides = {axis.name: axis.side for axis in machine.axes}
     poses = _poses(machine)
     size = max(300.0, max(float(np.linalg.norm(p[:3, 3])) for p in poses.values()))
@@ -56,7 +56,7 @@ def _lines(machine: Machine) -> tuple[list[tuple[Array, Array, str]], list[tuple
 
 
 def _poses(machine: Machine) -> dict[str, Array]:
-    """Homogeneous pose of every link at zero, mm."""
+    """Return every link's homogeneous pose at zero, mm."""
     poses = {machine.robot.root: np.eye(4)}
     waiting = list(machine.robot.joints)
     while waiting:
@@ -78,7 +78,7 @@ def _travel(
 
 
 def _isometric(p: Array) -> Array:
-    """X to the lower right, Y to the upper right, Z up; y of the page points down."""
+    """Return the projection: X to the lower right, Y to the upper right, Z up; y points down."""
     return np.array([_COS * (p[0] + p[1]), _SIN * (p[0] - p[1]) - p[2]])
 
 

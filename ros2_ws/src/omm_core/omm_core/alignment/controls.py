@@ -62,7 +62,7 @@ def linuxcnc(pose: RigidTransform, place_mm: Array, name: str, number: int) -> W
 
 
 def siemens(pose: RigidTransform, place_mm: Array, name: str, number: int) -> Words:
-    """Settable frame: turned about Z, Y', X'' (RPY, MD10600 = 1)."""
+    """Return the settable frame, turned about Z, Y', X'' (RPY, MD10600 = 1)."""
     turn = tuple(round(angle, 8) for angle in angles.rpy_deg(pose.rotation))
     if abs(turn[1]) > 89.999:
         raise MeasurementError(
@@ -93,7 +93,10 @@ def siemens(pose: RigidTransform, place_mm: Array, name: str, number: int) -> Wo
 
 
 def heidenhain(pose: RigidTransform, place_mm: Array, name: str, number: int) -> Words:
-    """A row of the preset table; SPA, SPB, SPC about fixed A, B, C. Four decimals are kept."""
+    """Return a row of the preset table.
+
+    SPA, SPB and SPC turn about the fixed A, B and C; the control keeps four decimals.
+    """
     turn = tuple(round(angle, 4) for angle in angles.rpy_deg(pose.rotation))
     xyz = np.round(pose.translation_mm, 4)
     columns = zip(("X", "Y", "Z", "SPA", "SPB", "SPC"), (*xyz, *turn), strict=True)
@@ -143,7 +146,7 @@ def fanuc(pose: RigidTransform, place_mm: Array, name: str, number: int) -> Word
 
 
 def fagor(pose: RigidTransform, place_mm: Array, name: str, number: int) -> Words:
-    """8070: offset of the place, then a coordinate system of MODE 1 (about X, Y', Z'')."""
+    """Return the 8070's offset, then a coordinate system of MODE 1 (about X, Y', Z'')."""
     xyz = np.round(pose.translation_mm, 5)
     turn = tuple(round(angle, 6) for angle in angles.xyz_turned_deg(pose.rotation))
     x, y, z = (_text(value, 5) for value in xyz)

@@ -212,7 +212,7 @@ def tolerance_of(standard_uncertainty: float, digits: int = _DIGITS) -> float:
 
 
 def agree(first: FirstOrder, other: MonteCarlo, coverage_factor: float, digits: int = 2) -> bool:
-    """Whether both coverage intervals agree within δ at both ends (JCGM 101, 8.1)."""
+    """Return whether the coverage intervals agree within δ at both ends (JCGM 101, 8.1)."""
     delta = tolerance_of(first.standard_uncertainty, digits)
     half = coverage_factor * first.standard_uncertainty
     off = max(abs(first.value - half - other.low), abs(first.value + half - other.high))

@@ -138,7 +138,10 @@ def load_machine(path: str | Path) -> Machine:
 
 
 def _is_xml(path: Path) -> bool:
-    """Whether the file is XML. A file that is no UTF-8 text is: XML declares its own encoding."""
+    """Return whether the file is XML.
+
+    A file that is not UTF-8 text counts as XML, which declares its own encoding.
+    """
     start = read_bytes(path, "machine (URDF or machine.yaml)")[:4096]
     if start[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return True

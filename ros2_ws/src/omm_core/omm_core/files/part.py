@@ -170,7 +170,7 @@ def load_part(path: str | Path) -> Part:
 
 
 def looks_like_part(path: str | Path) -> bool:
-    """Whether a file is YAML with a part's keys, so that its errors may be told to anybody."""
+    """Return whether a file is YAML with a part's keys, so that its errors concern a part."""
     try:
         values = read_yaml(path, "part file").values
     except InputError:

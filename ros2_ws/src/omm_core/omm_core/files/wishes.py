@@ -27,7 +27,7 @@ class Nominal:
     euler_xyz_rad: Three
 
     def complete(self) -> bool:
-        """Whether it names one place and no "anywhere"."""
+        """Return whether the wish names one place and no "anywhere"."""
         return None not in (*self.translation_mm, *self.euler_xyz_rad)
 
 

@@ -116,7 +116,7 @@ def _quietly(path: Path, data: bytes) -> NDArray[np.uint8]:
 
 
 def _end_of_jpeg(path: Path, data: bytes) -> int:
-    """Where the first image ends, behind its end marker."""
+    """Return where the first image ends, behind its end marker."""
     at, size = 2, len(data)
     while at + 2 <= size:
         at = data.find(b"\xff", at)

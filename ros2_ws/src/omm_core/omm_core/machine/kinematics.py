@@ -110,7 +110,7 @@ class Machine:
             raise InputError(f"{path}: {error}") from error
 
     def machine_T_spindle(self, axes: Mapping[str, float]) -> RigidTransform:
-        """Pose of the spindle from axis positions by name (mm, rad).
+        """Return the spindle's pose from axis positions by name (mm, rad).
 
         Raises
         ------
@@ -121,7 +121,7 @@ class Machine:
         return RigidTransform(rotation=matrix[:3, :3], translation_mm=matrix[:3, 3])
 
     def out_of_limits(self, axes: Mapping[str, float], slack: float = 1e-6) -> tuple[str, ...]:
-        """Axes whose position lies outside of what the machine can reach, described."""
+        """Describe the axes whose position lies outside what the machine can reach."""
         return tuple(
             f"{a.name} = {axes[a.name]:.4f} {a.unit} is outside of {a.lower:.4f} … {a.upper:.4f}"
             for a in self.axes
@@ -136,7 +136,9 @@ class Machine:
         *,
         turns_with_part: bool = False,
     ) -> dict[str, float]:
-        """All axis positions of a control that reports its tool point (RTCP, TCPM, G43.4) instead.
+        """Return the axis positions of a control that reports its tool point instead.
+
+        The tool point is that of RTCP, TCPM or G43.4.
 
         The tool point is an affine function of the three linear axes; this solves it.
 
@@ -196,7 +198,7 @@ class Machine:
 
 
 def _product(chain: tuple[Joint, ...], axes: Mapping[str, float]) -> Array:
-    """Homogeneous root_T_link of a chain of joints, (4, 4), mm."""
+    """Return the homogeneous root_T_link of a chain of joints, (4, 4), mm."""
     matrix = np.eye(4)
     for joint in chain:
         matrix = matrix @ joint.origin
@@ -206,7 +208,7 @@ def _product(chain: tuple[Joint, ...], axes: Mapping[str, float]) -> Array:
 
 
 def _motion(joint: Joint, value: float) -> Array:
-    """Homogeneous motion of one joint: a shift, or a turn by Rodrigues' formula."""
+    """Return the homogeneous motion of one joint: a shift, or a turn by Rodrigues' formula."""
     motion = np.eye(4)
     if not joint.rotary:
         motion[:3, 3] = value * joint.axis

@@ -54,7 +54,7 @@ class Robot:
     joints: tuple[Joint, ...]
 
     def chain(self, link: str) -> tuple[Joint, ...]:
-        """Joints from the root to a link. Raises InputError where there is no such link."""
+        """Return the joints from the root to a link; raise InputError if there is no such link."""
         if link not in self.links:
             raise InputError(
                 f"Expected a link named {link} in the URDF of {self.name}, got "
@@ -83,7 +83,7 @@ def load_urdf(path: Path) -> Robot:
 
 
 def _is_xacro(root: ET.Element) -> bool:
-    """Whether elements or attributes are still xacro's; comments may speak of it."""
+    """Return whether elements or attributes are still xacro's (comments may mention it)."""
     return any(
         "xacro" in str(e.tag) or any("${" in v or "$(" in v for v in e.attrib.values())
         for e in root.iter()

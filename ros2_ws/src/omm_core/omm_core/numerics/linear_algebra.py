@@ -92,7 +92,10 @@ def product(a, b, count):
 
 @njit(cache=True)
 def copy_to(target, source):
-    """``target[:] = source`` for matrices; numba's own compiles five seconds at its checks."""
+    """Copy a matrix (``target[:] = source``), without numba's checks.
+
+    Their compilation alone takes five seconds.
+    """
     for i in range(source.shape[0]):
         for j in range(source.shape[1]):
             target[i, j] = source[i, j]

@@ -327,7 +327,7 @@ def _endless(state: State, floor: Array, done: NDArray[np.bool_]) -> Array | Non
 def _most_parallel(
     state: State, state_at: Callable[[Pose], State], floor: Array, wish: Wish
 ) -> State:
-    """Of the placements that keep all floors, take the one with the least spread in each group."""
+    """Choose the placement with the least spread in each group, of those that keep all floors."""
     held = np.isfinite(floor)
     for _ in range(4):
         freedom = state.freedom

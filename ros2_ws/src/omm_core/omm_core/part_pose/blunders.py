@@ -115,7 +115,7 @@ def _rms_px(found: Found) -> float:
 
 
 def _beyond_machines(model: NoiseModel, options: SolveOptions) -> bool:
-    """Whether the residuals are larger than those of the worst machine there may be."""
+    """Return whether the residuals exceed those of the worst machine there may be."""
     m, u = model.redundancy, model.unknowns
     if m < 1:
         return False

@@ -161,7 +161,7 @@ class Posterior:
 
 
 def detector_doubted(problem: Problem, options: SolveOptions) -> bool:
-    """Whether the centres may be worse than the detector says; see machine_noise.noise_grid."""
+    """Return whether the centres may be worse than stated; see machine_noise.noise_grid."""
     return not options.trust_detector and bool(np.any(np.bincount(problem.image_of) > 1))
 
 

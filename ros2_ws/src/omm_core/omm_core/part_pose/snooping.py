@@ -94,7 +94,7 @@ def search(problem: Problem, options: SolveOptions) -> Search:
 
 
 def lost(first: Fit) -> bool:
-    """Whether errors led the least squares to where nothing is determined."""
+    """Return whether errors led the least squares to where nothing is determined."""
     return first.best is not None and not first.best.converged
 
 
@@ -199,7 +199,7 @@ def _smaller_explanations(
 
 
 def _elsewhere(near: Fit, anew: Fit) -> bool:
-    """Whether the fit from nothing came to a better place than the one next to the current fit."""
+    """Return whether the fit from nothing is better than the one next to the current fit."""
     return anew.determined and not (near.determined and near.cost <= anew.cost * (1.0 + 1e-6))
 
 

@@ -314,7 +314,7 @@ class _Fitting:
         return bool(taken)
 
     def _can_spare(self, ray: np.intp) -> bool:
-        """Whether enough is left without a ray to place its photograph and its point."""
+        """Return whether enough is left without a ray to place its photograph and its point."""
         of_point = int(np.sum(self.used & (self.point == self.point[ray])))
         of_photo = int(np.sum(self.used & (self.photo == self.photo[ray])))
         return of_point > FEWEST_RAYS and of_photo > FEWEST_IN_PHOTO

@@ -77,7 +77,7 @@ def _draw_target(picture: NDArray[Any], target: DetectedTarget) -> None:
 
 
 def _fixed(point: NDArray[np.float64]) -> tuple[int, int]:
-    """OpenCV's fixed-point coordinates: pixels' centres at whole numbers, as here."""
+    """Return OpenCV's fixed-point coordinates: pixels' centres are whole numbers, as here."""
     return round(float(point[0]) * 2**_SHIFT), round(float(point[1]) * 2**_SHIFT)
 
 

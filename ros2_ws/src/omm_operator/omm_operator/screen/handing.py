@@ -137,7 +137,7 @@ def offset_to_write(
 
 
 def same_offset(wanted: OffsetFact, read: OffsetFact) -> bool:
-    """Whether what was read back is what was written, to the last digit that a control keeps."""
+    """Return whether the offset read back is the one written, to the control's last digit."""
     moved = np.subtract(wanted.xyz_mm, read.xyz_mm)
     turned = np.subtract(wanted.euler_xyz_rad, read.euler_xyz_rad)
     turned = np.remainder(turned + np.pi, 2.0 * np.pi) - np.pi

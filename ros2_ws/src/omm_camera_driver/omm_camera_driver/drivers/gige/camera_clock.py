@@ -43,7 +43,7 @@ class Reading:
         return (self.before_ns - self.after_ns + 1) // 2
 
     def bound_ns(self, now_ns: int) -> int:
-        """How far off the difference may be some time later."""
+        """Return how far off the difference may be some time later."""
         return self.half_width_ns + abs(now_ns - self.before_ns) * DRIFT_PPM // 1_000_000
 
 
@@ -65,7 +65,7 @@ class CameraClock:
         self._arrivals.append(arrival_ns - camera_ns)
 
     def system_time(self, camera_ns: int, latest_ns: int) -> tuple[int, int]:
-        """System time of a stamp, and how far off it may be (both ns).
+        """Return the system time of a stamp, and how far off it may be (both ns).
 
         Parameters
         ----------

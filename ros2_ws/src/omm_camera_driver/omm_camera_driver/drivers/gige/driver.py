@@ -122,7 +122,7 @@ class GigeDriver:
             raise DeviceLost(f"The camera does not take the trigger: {error}.") from error
 
     def next_frame(self, timeout_s: float) -> Frame | None:
-        """The next buffer, whole or not; it is lent until the next call."""
+        """Return the next buffer, whole or not; it is lent until the next call."""
         self._release()
         buffer = self._arv.stream_timeout_pop_buffer(self._stream, round(timeout_s * 1e6))
         if not buffer:
@@ -168,7 +168,7 @@ class GigeDriver:
         return granted
 
     def health(self) -> Mapping[str, Any]:
-        """What the stream counted, and the camera's temperature."""
+        """Return what the stream counted, and the camera's temperature."""
         resent, missing = c_uint64(), c_uint64()
         completed, failed, underruns = c_uint64(), c_uint64(), c_uint64()
         if self._stream is None:
@@ -245,7 +245,7 @@ class GigeDriver:
         )
 
     def _count(self, buffer: int) -> int:
-        """The frame's number without the wrap at 16 bits (which leaves 0 out)."""
+        """Return the frame's number without the wrap at 16 bits (which leaves 0 out)."""
         frame_id = self._arv.buffer_get_frame_id(buffer)
         if frame_id < self._last_id - 0x8000:
             self._wraps += 1
@@ -253,7 +253,7 @@ class GigeDriver:
         return int(frame_id) + 0xFFFF * self._wraps
 
     def _stamp(self, buffer: int) -> tuple[int, int]:
-        """System time of the begin of the exposure, and how far off it may be."""
+        """Return the system time of the exposure's beginning, and how far off it may be."""
         camera_ns = self._arv.buffer_get_timestamp(buffer)
         arrival_ns = self._arv.buffer_get_system_timestamp(buffer)
         self._clock.add_arrival(camera_ns, arrival_ns)
@@ -291,7 +291,7 @@ class GigeDriver:
 
 
 def find(device: str) -> gvcp.FoundCamera:
-    """The camera that is meant by a serial number, address, model, name, or nothing.
+    """Return the camera that is meant by a serial number, address, model, name, or nothing.
 
     Raises
     ------

@@ -48,11 +48,11 @@ class FoundCamera:
     interface: str
 
     def is_called(self, name: str) -> bool:
-        """Whether this is what the user asked for: serial number, address, model or own name."""
+        """Return whether the user asked for this: serial number, address, model or own name."""
         return name in (self.serial, self.address, self.model, self.name)
 
     def why_unreachable(self) -> str:
-        """Why its address cannot be used from here; empty if it can."""
+        """Return why its address cannot be used from here; empty if it can."""
         if ask(self.address) is not None:
             return ""
         return (
@@ -63,7 +63,7 @@ class FoundCamera:
 
 
 def ask(address: str, timeout_s: float = 0.15) -> FoundCamera | None:
-    """The camera at an address, or None when none answers."""
+    """Return the camera at an address, or None when none answers."""
     with _socket("") as sock:
         try:
             sock.sendto(_DISCOVERY, (address, PORT))
@@ -74,7 +74,7 @@ def ask(address: str, timeout_s: float = 0.15) -> FoundCamera | None:
 
 
 def discover(timeout_s: float = 0.4) -> list[FoundCamera]:
-    """All cameras that can be heard, on every interface.
+    """Return all cameras that can be heard, on every interface.
 
     The loopback interface has no broadcast, so its first address is asked directly.
     """
@@ -97,7 +97,7 @@ def discover(timeout_s: float = 0.4) -> list[FoundCamera]:
 
 
 def is_held(address: str, timeout_s: float = 0.3) -> bool | None:
-    """Whether another program controls the camera; None when it does not say."""
+    """Return whether another program controls the camera; None when it does not say."""
     with _socket("") as sock:
         request = struct.pack(
             ">BBHHHI", 0x42, 0x01, _READ_REGISTER, 4, 2, _CONTROL_CHANNEL_PRIVILEGE
@@ -126,7 +126,7 @@ class HeldWatch:
         self._answered_held_s: list[float] = []
 
     def is_held(self, address: str) -> bool:
-        """Whether another program controls the camera, as far as may be asked now."""
+        """Return whether another program controls the camera, as far as may be asked now."""
         now_s = time.monotonic()
         asked = self._answered_held_s
         if asked and now_s - asked[-1] < (_PAUSE_S if len(asked) >= _QUESTIONS else _BETWEEN_S):
@@ -186,7 +186,7 @@ def _parse(data: bytes, interface: str) -> FoundCamera | None:
 
 
 def _interfaces() -> list[str]:
-    """The computer's own IPv4 addresses (Linux)."""
+    """Return the computer's own IPv4 addresses (Linux)."""
     import fcntl
 
     addresses = []

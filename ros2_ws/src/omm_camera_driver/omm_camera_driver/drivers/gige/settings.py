@@ -70,13 +70,13 @@ class GigeSettings:
         return float(self._call(f"camera_get_{feature}"))
 
     def exposure_ns(self) -> int:
-        """The exposure time, 0 where the camera does not tell it."""
+        """Return the exposure time, 0 where the camera does not tell it."""
         if not self._call("camera_is_exposure_time_available"):
             return 0
         return round(self._call("camera_get_exposure_time") * 1000)
 
     def granted(self) -> dict[str, object]:
-        """What the camera is set to, read back."""
+        """Return what the camera is set to, read back."""
         x, y, width, height = c_int(), c_int(), c_int(), c_int()
         self._call("camera_get_region", byref(x), byref(y), byref(width), byref(height))
         values: dict[str, object] = {
@@ -89,7 +89,7 @@ class GigeSettings:
         return values
 
     def health(self) -> Mapping[str, Any]:
-        """Temperature and state of PTP, where the camera has them."""
+        """Return the temperature and the state of PTP, where the camera has them."""
         values: dict[str, Any] = {}
         for feature in _TEMPERATURES:
             if self._call("camera_is_feature_available", feature):
@@ -158,7 +158,7 @@ class GigeSettings:
             self._call("camera_set_trigger", b"Software")
 
     def _set_strobe(self, line: str) -> None:
-        """An output line that is on during the exposure (SFNC 2: Line… features)."""
+        """Set an output line to be on during the exposure (SFNC 2: Line… features)."""
         for feature, value in (
             (b"LineSelector", line.encode()),
             (b"LineMode", b"Output"),

@@ -116,7 +116,7 @@ class GigeSimulator:
         self._arv.object_set_double(self._camera, b"gvsp-lost-ratio", ratio)
 
     def register(self, address: int) -> int:
-        """The value of a register."""
+        """Return the value of a register."""
         value = c_uint32()
         self._arv.fake_camera_read_register(self._inner, address, byref(value))
         return value.value
@@ -136,7 +136,7 @@ class GigeSimulator:
     def _on_fill(
         self, buffer: int, _data: None, exposure_us: int, _gain: int, pixel_format: int
     ) -> None:
-        """Called by Aravis when an exposure begins; the image goes out when this returns."""
+        """Render the image when Aravis begins an exposure; it goes out when this returns."""
         begin_ns = self._arv.buffer_get_timestamp(buffer)
         bits = 8 if pixel_format == MONO8 else 16
         try:
@@ -184,7 +184,7 @@ def _encoded(image: NDArray[np.generic], pixel_format: int) -> bytes | memoryvie
 
 
 def _new_fake_camera(arv: aravis.Aravis, address: str, serial: str) -> int:
-    """Aravis' camera with the features of its own and ours."""
+    """Return Aravis' camera with the features of its own and ours."""
     plain = arv.fake_camera_new(b"plain")
     size = c_size_t()
     xml = ctypes.string_at(arv.fake_camera_get_genicam_xml(plain, byref(size)), size.value)

@@ -78,7 +78,7 @@ class GigeSimulatorNode(Node):
         super().destroy_node()
 
     def _render(self, begin_ns: int, exposure_ns: int, bits: int) -> NDArray[np.generic]:
-        """What the camera sees; called on its own thread, while the exposure lasts."""
+        """Return what the camera sees; called on its own thread, while the exposure lasts."""
         self._frame += 1
         pose_at = self._poses.during(begin_ns, begin_ns + exposure_ns, _POSE_TIMEOUT_S)
         return self._view.render(

@@ -44,7 +44,7 @@ class CellView:
     def render(
         self, pose_at: PoseAt, middle_ns: int, exposure_ns: int, *, frame: int, bits: int = 8
     ) -> NDArray[np.generic]:
-        """An image (height, width) uint8 or uint16.
+        """Return an image (height, width) uint8 or uint16.
 
         Parameters
         ----------
@@ -66,7 +66,7 @@ class CellView:
 def cell_view(
     scenario: str, seed: int, *, clamping_seed: int = -1, repeat: int = 1, bumped_id: int = -1
 ) -> CellView:
-    """The view of a scenario's cell; -1 leaves an option out.
+    """Return the view of a scenario's cell; -1 leaves an option out.
 
     Raises
     ------

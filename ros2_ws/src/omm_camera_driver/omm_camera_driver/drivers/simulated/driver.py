@@ -107,7 +107,7 @@ class SimulatedDriver:
         )
 
     def check(self) -> None:
-        """It never goes away."""
+        """Do nothing: the simulated camera never goes away."""
 
     def set(self, name: str, value: float) -> float:
         """Change the exposure; the simulated light is kept constant, so the image stays as bright.
@@ -124,11 +124,11 @@ class SimulatedDriver:
         return value
 
     def health(self) -> Mapping[str, Any]:
-        """How long rendering takes."""
+        """Return how long rendering takes."""
         return {"rendering_ms": round(self._render_ms, 1)}
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing: no device is held."""
 
     def _schedule(self, begin_ns: int) -> None:
         if not self._continuous:

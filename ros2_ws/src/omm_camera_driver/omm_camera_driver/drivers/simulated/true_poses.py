@@ -41,7 +41,7 @@ class TruePoses:
             self._news.notify_all()
 
     def during(self, begin_ns: int, end_ns: int, timeout_s: float) -> PoseAt:
-        """Poses at any time of an exposure, waited for where they have not come in yet.
+        """Return the poses at any time of an exposure, waiting for those still to come.
 
         Raises
         ------
@@ -89,7 +89,7 @@ def _stamp(pose: tuple[int, RigidTransform]) -> int:
 
 
 def interpolate(a: RigidTransform, b: RigidTransform, share: float) -> RigidTransform:
-    """Between two poses: the position on a line, the rotation on the shorter arc.
+    """Interpolate between two poses: the position on a line, the rotation on the shorter arc.
 
     Normalised linear interpolation of quaternions: between samples milliseconds apart it differs
     from the constant turn by the angle's third power.

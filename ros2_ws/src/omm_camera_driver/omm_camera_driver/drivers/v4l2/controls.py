@@ -29,7 +29,10 @@ class FoundControl:
 
 
 def control_name(told: str) -> str:
-    """The name as v4l2-ctl writes it: `Exposure Time, Absolute` is exposure_time_absolute."""
+    """Return the name as v4l2-ctl writes it.
+
+    `Exposure Time, Absolute` becomes exposure_time_absolute.
+    """
     return re.sub(r"[^a-z0-9]+", "_", told.lower()).strip("_")
 
 
@@ -64,7 +67,7 @@ class Controls:
         return value if control.type == videodev.CONTROL_BUTTON else self.get(name)
 
     def get(self, name: str) -> int:
-        """The value of a control."""
+        """Return the value of a control."""
         control = videodev.Control(self.found[name].id, 0)
         return int(videodev.call(self._fd, videodev.G_CTRL, control).value)
 
@@ -85,7 +88,7 @@ class Controls:
         return self.set_named(control.name, round(value / step)) * step
 
     def exposure_ns(self) -> int:
-        """The exposure time, 0 where the device does not tell it."""
+        """Return the exposure time, 0 where the device does not tell it."""
         for name in _EXPOSURE:
             if name in self.found:
                 return round(self.get(name) * _EXPOSURE_STEP_US * 1000)

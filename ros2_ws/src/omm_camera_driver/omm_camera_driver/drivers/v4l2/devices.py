@@ -27,12 +27,12 @@ class FoundDevice:
 
 
 def devices() -> list[FoundDevice]:
-    """Every /dev/video node, and why it cannot be used where it cannot."""
+    """Return every /dev/video node, and why it cannot be used where it cannot."""
     return [_look_at(str(path)) for path in sorted(Path("/dev").glob("video*"))]
 
 
 def find(device: str) -> FoundDevice:
-    """The device that is meant by a path, a card's name, a bus, or nothing.
+    """Return the device that is meant by a path, a card's name, a bus, or nothing.
 
     Raises
     ------

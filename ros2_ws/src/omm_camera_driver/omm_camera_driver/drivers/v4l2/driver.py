@@ -87,11 +87,11 @@ class V4l2Driver:
             self._queue(self._dequeue().index)
 
     def trigger(self) -> None:
-        """V4L2 knows no trigger; the worker takes the next image instead."""
+        """Do nothing: V4L2 knows no trigger, the worker takes the next image instead."""
         raise DeviceError("A V4L2 device cannot be triggered.")
 
     def next_frame(self, timeout_s: float) -> Frame | None:
-        """The next buffer, whole or not."""
+        """Return the next buffer, whole or not."""
         if not self._readable(timeout_s):
             return None
         buffer = self._dequeue()
@@ -130,7 +130,7 @@ class V4l2Driver:
         return granted
 
     def health(self) -> Mapping[str, Any]:
-        """Buffers that the device marked as damaged."""
+        """Return the number of damaged buffers, and the time to read one out."""
         return {"damaged_buffers": self._errors, "readout_ms": self._readout_ns / 1e6}
 
     def close(self) -> None:
@@ -217,7 +217,7 @@ class V4l2Driver:
         return bool(events)
 
     def _image(self, buffer: videodev.Buffer) -> NDArray[np.generic] | None:
-        """The image in a buffer; None where it is damaged."""
+        """Return the image in a buffer; None where it is damaged."""
         if buffer.flags & videodev.BUFFER_ERROR:
             return None
         data = np.frombuffer(memoryview(self._maps[buffer.index])[: buffer.bytesused], np.uint8)
@@ -225,7 +225,7 @@ class V4l2Driver:
 
 
 def mono_image(data: NDArray[np.uint8], pix: videodev.PixelFormat) -> NDArray[np.generic] | None:
-    """Image (height, width) of raw data, copied; None where they are cut short.
+    """Return the image (height, width) of raw data, copied; None where they are cut short.
 
     Copied, because a mapping cannot be closed while an image lies in it, and the device stays busy
     until all are closed.
@@ -257,7 +257,7 @@ def _mono_from_jpeg(data: NDArray[np.uint8], width: int, height: int) -> NDArray
 def exposure_middle(
     stamp_ns: int, *, at_start: bool, exposure_ns: int, readout_ns: int, interval_ns: int
 ) -> tuple[int, int]:
-    """Middle of the exposure and how far off it may be (ns), from the driver's stamp.
+    """Return the exposure's middle and how far off it may be (ns), from the driver's stamp.
 
     A stamp is of the start of the exposure, or of the end of the frame: then the readout lies
     between. Where its duration is not known, it is anything up to a frame's interval.

@@ -26,12 +26,12 @@ CONTROL_INTEGER_MENU = 9
 
 
 def fourcc(name: str) -> int:
-    """The number of a pixel format's four letters."""
+    """Return the number of a pixel format's four letters."""
     return int.from_bytes(name.ljust(4).encode("ascii"), "little")
 
 
 def letters(pixel_format: int) -> str:
-    """The four letters of a pixel format's number."""
+    """Return the four letters of a pixel format's number."""
     return pixel_format.to_bytes(4, "little").decode("latin-1").rstrip()
 
 

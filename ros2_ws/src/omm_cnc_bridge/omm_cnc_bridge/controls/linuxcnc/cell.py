@@ -52,7 +52,7 @@ os._exit(1)
 
 
 def configuration_folder() -> Path:
-    """Where the ini and hal files are: beside the sources, or in the installed share folder."""
+    """Return the folder of the ini and hal files: beside the sources, or installed."""
     beside_sources = Path(__file__).resolve().parents[3] / "linuxcnc"
     if beside_sources.is_dir():
         return beside_sources
@@ -62,13 +62,13 @@ def configuration_folder() -> Path:
 
 
 def is_installed() -> bool:
-    """Whether LinuxCNC is on this machine."""
+    """Return whether LinuxCNC is on this machine."""
     return shutil.which("linuxcnc") is not None
 
 
 @functools.cache
 def can_isolate() -> bool:
-    """Whether this system lets us give LinuxCNC namespaces of its own."""
+    """Return whether this system lets us give LinuxCNC namespaces of its own."""
     if not all(shutil.which(tool) for tool in ("unshare", "nsenter", "ip")):
         return False
     trial = [*_unshare(), "ip", "link", "set", "lo", "up"]
@@ -81,7 +81,10 @@ def _unshare() -> list[str]:
 
 
 def _ourselves() -> list[str]:
-    """To be allowed to mount a user is root in there; what then runs is to be who the user is."""
+    """Return the words that make a command run as the user again.
+
+    Mounting needs root in there; what then runs must not be root.
+    """
     return ["unshare", "--user", f"--map-user={os.getuid()}", f"--map-group={os.getgid()}"]
 
 
@@ -182,7 +185,7 @@ class LinuxCncCell:
         )
 
     def pids(self, name: str) -> list[int]:
-        """Processes of this LinuxCNC by name: milltask, rtapi_app, stay_alive.sh."""
+        """Return this LinuxCNC's processes by name: milltask, rtapi_app, stay_alive.sh."""
         return pids_at(self.folder, name)
 
     def _command(self) -> list[str]:
@@ -195,7 +198,7 @@ class LinuxCncCell:
         return [*_unshare(), *start, *_ourselves(), *linuxcnc]
 
     def _enter(self) -> list[str]:
-        """What makes a command run where LinuxCNC does."""
+        """Return the words before a command that make it run where LinuxCNC does."""
         pids = self.pids("sh")
         if not (self.isolated and pids):
             return []
@@ -205,7 +208,10 @@ class LinuxCncCell:
         return [*enter, "--user", "--preserve-credentials"]
 
     def _write_reader(self) -> None:
-        """The command that reads it: a file, because with each start there is another to enter."""
+        """Write the command that runs the reader.
+
+        It is a file, because every start has other namespaces to enter.
+        """
         read = [*self._enter(), *LOCAL_READER[:-1], str(self.folder / Path(LOCAL_READER[-1]).name)]
         (self.folder / "reader.sh").write_text(f'exec {shlex.join(read)} "$@"\n')
 
@@ -221,7 +227,7 @@ class LinuxCncCell:
         return environment
 
     def _fifo_folder(self) -> str:
-        """A folder that that other user may write to."""
+        """Return a folder that the other user may write to."""
         if self.isolated:
             return "/tmp"
         if self._fifo is None:
@@ -278,7 +284,7 @@ class DemoLinuxCnc(SimulatedLinuxCnc):
 
 
 def pids_at(folder: Path, name: str) -> list[int]:
-    """Processes by name of the LinuxCNC that lives in a folder."""
+    """Return the processes, by name, of the LinuxCNC that lives in a folder."""
     home = f"HOME={folder}".encode()
     found = []
     for entry in Path("/proc").iterdir():
@@ -306,7 +312,7 @@ def _status_memory_exists() -> bool:
 
 
 def _other_linuxcnc() -> str:
-    """What holds the memory that every LinuxCNC uses, in words."""
+    """Return what holds the memory that every LinuxCNC uses, in words."""
     for entry in Path("/proc").iterdir():
         try:
             if entry.name.isdigit() and (entry / "comm").read_text().strip() == "milltask":

@@ -295,7 +295,7 @@ class LinuxCncControl:
         )
 
     def _named(self, values: list[float]) -> dict[str, float]:
-        """Joint positions by name, in mm and rad."""
+        """Return the joint positions by name, in mm and rad."""
         per_mm = self._hello["linear_units_per_mm"]
         per_rad = math.degrees(1.0) * self._hello["angular_units_per_degree"]
         rotary = self._hello["rotary"]
@@ -346,7 +346,7 @@ class SimulatedLinuxCnc(LinuxCncControl):
         return kept
 
     def read_truth(self) -> Sequence[TruePose]:
-        """Where the spindle truly was since the last call."""
+        """Return where the spindle truly was since the last call."""
         truth, self._truth = self._truth, []
         return truth
 

@@ -50,7 +50,7 @@ class BridgeGone(Exception):
 
 
 def tell(**message: object) -> None:
-    """One line to the bridge; it goes out at once."""
+    """Send one line to the bridge, at once."""
     try:
         os.write(1, json.dumps(message, separators=(",", ":")).encode() + b"\n")
     except BrokenPipeError as error:
@@ -71,7 +71,7 @@ class Alive:
         self._ran = {name: (0, time.monotonic()) for name in names}
 
     def check(self, *, polled: bool) -> None:
-        """Raises Lost where LinuxCNC ended, was started anew, or stands still.
+        """Raise Lost where LinuxCNC ended, was started anew, or stands still.
 
         A process that a busy machine lets wait for its turn is not lost, except where what is
         ``polled`` would be taken for news meanwhile.
@@ -90,7 +90,7 @@ class Alive:
                 raise Lost(f"LinuxCNC's {name} does not run any more")
 
     def environment(self) -> dict[str, str]:
-        """LinuxCNC's own RTAPI settings and HOME (for its tool data): reading it needs the same."""
+        """Return LinuxCNC's RTAPI settings and HOME (its tool data): reading it needs them."""
         # Not rtapi_app's: it has been root, which hides its environment from an ordinary user.
         with open(f"/proc/{self._pids['milltask']}/environ", "rb") as file:
             entries = file.read().decode(errors="replace").split("\0")
@@ -98,7 +98,7 @@ class Alive:
 
 
 def _status_memory() -> str | None:
-    """Identifier and maker of NML's status memory; another one after every start of LinuxCNC."""
+    """Return the identifier and maker of NML's status memory: new after every start of LinuxCNC."""
     with open("/proc/sysvipc/shm") as file:
         for row in file:
             words = row.split()
@@ -123,7 +123,7 @@ def _pid_of(name: str) -> int | None:
 
 
 def _shares_memory(pid: str) -> bool:
-    """Whether a process is in our IPC namespace: another LinuxCNC may run in one of its own."""
+    """Return whether a process is in our IPC namespace; another LinuxCNC may not be."""
     try:
         return os.readlink(f"/proc/{pid}/ns/ipc") == os.readlink("/proc/self/ns/ipc")
     except PermissionError:  # another user's: rtapi_app may be root's
@@ -131,7 +131,7 @@ def _shares_memory(pid: str) -> bool:
 
 
 def _run_time_ns(pid: int) -> int | None:
-    """Processor time of all threads of a process; None where it has ended."""
+    """Return the processor time of all threads of a process; None where it has ended."""
     total = 0
     try:
         for thread in os.listdir(f"/proc/{pid}/task"):
@@ -143,7 +143,7 @@ def _run_time_ns(pid: int) -> int | None:
 
 
 def _waits_its_turn(pid: int) -> bool:
-    """Whether a process would run if the machine let it."""
+    """Return whether a process would run if the machine let it."""
     try:
         for thread in os.listdir(f"/proc/{pid}/task"):
             with open(f"/proc/{pid}/task/{thread}/stat") as file:
@@ -196,7 +196,7 @@ class Sampler:
         return int(number) % self._every == 0
 
     def _row(self, line: bytes) -> list[object]:
-        """number, measured, commanded, in position, wanted, image, taken."""
+        """Return a row: number, measured, commanded, in position, wanted, image, taken."""
         words = line.split()
         if len(words) != 2 * self._joints + 5:
             raise Lost(
@@ -325,7 +325,7 @@ class Reader:
             tell(status=status)
 
     def _spindle_deg(self, orient_state: int) -> float | None:
-        """Where M19 holds the spindle, which only HAL knows; None where it is not held."""
+        """Return where M19 holds the spindle, which only HAL knows; None where it is not held."""
         if orient_state != self._linuxcnc.RCS_DONE:
             self._angle_due = 0.0
             return None
@@ -402,7 +402,10 @@ class Reader:
         tell(answer={"number": number, "error": error})
 
     def _error_texts(self) -> list[str]:
-        """What LinuxCNC says of errors. Whoever reads it first takes it: asked for blocks only."""
+        """Return LinuxCNC's error messages.
+
+        Whoever reads them first takes them; so they are read for blocks only.
+        """
         if self._errors is None:
             self._errors = self._linuxcnc.error_channel()
         return [text.strip() for _, text in iter(self._errors.poll, None)]

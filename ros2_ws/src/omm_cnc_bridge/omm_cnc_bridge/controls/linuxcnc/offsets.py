@@ -77,7 +77,7 @@ def told(status: dict[str, Any], name: str, per_mm: float) -> WorkOffset | None:
 
 
 def equal(one: WorkOffset, other: WorkOffset) -> bool:
-    """Whether two are the same to what LinuxCNC keeps."""
+    """Return whether two offsets are equal to the precision that LinuxCNC keeps."""
     moved = max(abs(a - b) for a, b in zip(one.xyz_mm, other.xyz_mm, strict=True))
     turned = math.degrees(one.euler_xyz_rad[2] - other.euler_xyz_rad[2])
     return moved <= _EQUAL_MM and abs(math.remainder(turned, 360.0)) <= _EQUAL_DEG

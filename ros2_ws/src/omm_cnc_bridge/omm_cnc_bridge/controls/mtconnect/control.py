@@ -169,7 +169,7 @@ class MtConnectControl:
         return bool(roles & {"measured", "path"})
 
     def _at_rest(self, received_ns: int) -> list[ControlSample]:
-        """A heartbeat: nothing changed until it was sent, at most one interval ago."""
+        """Return the sample of a heartbeat: nothing changed until then, at most an interval ago."""
         half_ns = 0.5e6 * HEARTBEAT_MS
         return [self._sample(received_ns - round(half_ns), round(half_ns / math.sqrt(3.0)))]
 
@@ -198,7 +198,7 @@ class MtConnectControl:
         ]
 
     def _values(self, role: str) -> tuple[dict[str, float], dict[str, str]]:
-        """Positions by axis, and why others cannot be used."""
+        """Return the positions by axis, and why others cannot be used."""
         values: dict[str, float] = {}
         unusable = dict(self._described.unusable)
         for item, text in self._texts_of(role):
@@ -211,7 +211,7 @@ class MtConnectControl:
         return values, unusable
 
     def _path(self, unusable: dict[str, str]) -> dict[str, float]:
-        """The tool point, of a control that tells no axes (parameter reported: tool_point)."""
+        """Return the tool point of a control that reports no axes (reported: tool_point)."""
         for item, text in self._texts_of("path"):
             if text == UNAVAILABLE:
                 continue
@@ -254,7 +254,7 @@ class MultipartReader:
         threading.Thread(target=self._run, name="mtconnect", daemon=True).start()
 
     def read(self, timeout_s: float) -> list[tuple[int, bytes]]:
-        """When (monotonic clock, ns) and what came; waits for the first part."""
+        """Return when (monotonic clock, ns) and what came; wait for the first part."""
         parts: list[tuple[int, bytes]] = []
         try:
             item = self._parts.get(timeout=timeout_s)
@@ -270,7 +270,7 @@ class MultipartReader:
             return parts
 
     def _run(self) -> None:
-        """Until the stream ends, or the connection is closed under it."""
+        """Read until the stream ends or the connection is closed under it."""
         try:
             while data := self._response.read1(1 << 16):
                 received_ns = time.monotonic_ns()
@@ -304,7 +304,7 @@ class MultipartReader:
 
 
 def _refusal(kind: str, body: bytes) -> str:
-    """Why there is no stream: in the agent's own words where it has some."""
+    """Return why there is no stream: in the agent's own words where it has some."""
     try:
         read_document(body)
     except DeviceError as error:
@@ -314,7 +314,7 @@ def _refusal(kind: str, body: bytes) -> str:
 
 
 def _whole(response: http.client.HTTPResponse) -> bytes:
-    """All of an answer, which ends: in bytes, and in time also where it comes drop by drop."""
+    """Return a whole answer, limited in bytes and in time, even where it comes drop by drop."""
     data = bytearray()
     until_s = time.monotonic() + ANSWER_S
     while piece := response.read1(1 << 16):
@@ -328,7 +328,7 @@ def _whole(response: http.client.HTTPResponse) -> bytes:
 
 
 def _number(text: str, scale: float) -> float | None:
-    """A position; None where the text is none (an agent passes on what an adapter sends)."""
+    """Return a position; None where the text is none (an agent passes on what an adapter sends)."""
     try:
         value = float(text) * scale
     except ValueError:
@@ -337,7 +337,7 @@ def _number(text: str, scale: float) -> float | None:
 
 
 def _line(text: str) -> int:
-    """A program's line; -1 where the text is none."""
+    """Return a program's line; -1 where the text is none."""
     return int(text) if text.isascii() and text.isdecimal() and len(text) < 10 else -1
 
 

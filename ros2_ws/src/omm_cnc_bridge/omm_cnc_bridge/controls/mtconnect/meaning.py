@@ -63,7 +63,7 @@ def coordinate_systems(device: ET.Element) -> dict[str, str]:
 
 
 def axis_items(component: ET.Element, systems: Mapping[str, str]) -> Device:
-    """The one measured and the one commanded position of an axis, in machine coordinates."""
+    """Return the one measured and the one commanded position of an axis, in machine coordinates."""
     axis = component.get("name") or component.get("nativeName") or component.get("id") or ""
     found: dict[str, list[_Candidate]] = {"measured": [], "commanded": []}
     items: dict[str, Item] = {}
@@ -90,7 +90,7 @@ def axis_items(component: ET.Element, systems: Mapping[str, str]) -> Device:
 
 
 def path_item(data: ET.Element, systems: Mapping[str, str]) -> Item:
-    """The tool point of a path. Raises Unfit where it is not in machine coordinates.
+    """Return the tool point of a path; raise Unfit unless it is in machine coordinates.
 
     Without a word the standard has it in WORK coordinates, which move with every offset.
     """
@@ -103,7 +103,7 @@ def path_item(data: ET.Element, systems: Mapping[str, str]) -> Item:
 
 
 def data_items(component: ET.Element) -> Iterator[ET.Element]:
-    """Data items of a component itself, not of those below it."""
+    """Yield the data items of a component itself, not of those below it."""
     for child in component:
         if tag(child) == "DataItems":
             yield from (item for item in child if tag(item) == "DataItem")
@@ -115,7 +115,7 @@ def tag(element: ET.Element) -> str:
 
 
 def join(devices: list[Device]) -> Device:
-    """All axes as one device. Raises InputError where two have one name."""
+    """Join all axes into one device. Raise InputError where two have one name."""
     items: dict[str, Item] = {}
     unusable: dict[str, str] = {}
     names: set[str] = set()
@@ -151,7 +151,7 @@ def _candidate(
 
 
 def _check_sample(data: ET.Element) -> None:
-    """Raises Unfit where a data item is not one plain number or point."""
+    """Raise Unfit where a data item is not one plain number or point."""
     if data.get("category") != "SAMPLE":
         raise Unfit(f"has the category {data.get('category')}, not SAMPLE")
     if data.get("representation") not in (None, "VALUE"):
@@ -166,7 +166,7 @@ def _is_value(data: ET.Element, category: str) -> bool:
 
 
 def _system_rank(data: ET.Element, systems: Mapping[str, str]) -> int:
-    """0 where machine coordinates are declared, 1 where nothing is said (the standard's default).
+    """Return 0 where machine coordinates are declared, 1 (the standard's default) otherwise.
 
     Raises
     ------
@@ -186,7 +186,7 @@ def _system_rank(data: ET.Element, systems: Mapping[str, str]) -> int:
 
 
 def _scale(data: ET.Element) -> float:
-    """To mm or rad. Raises Unfit where the unit is missing or none of the type's."""
+    """Return the factor to mm or rad; raise Unfit where the unit is missing or another type's."""
     units, unit = _UNITS_OF[data.get("type", "")], data.get("units")
     if unit not in units:
         raise Unfit(f"is in {unit or 'no unit'}, expected {', '.join(units)}")
@@ -194,7 +194,7 @@ def _scale(data: ET.Element) -> float:
 
 
 def _best(candidates: list[_Candidate]) -> dict[str, Item]:
-    """The plainest. Raises Unfit where two are equally plain: the first is not better."""
+    """Return the plainest item; raise Unfit where two are equally plain."""
     if not candidates:
         return {}
     least = min(c.rank for c in candidates)

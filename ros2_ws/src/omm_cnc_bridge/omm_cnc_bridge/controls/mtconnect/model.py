@@ -58,7 +58,7 @@ class Document:
 
 
 def read_device(text: bytes, name: str) -> Device:
-    """What is read of the device (answer to ``/probe``).
+    """Return what is read of the device (answer to ``/probe``).
 
     Raises
     ------
@@ -114,7 +114,7 @@ def _controller_items(
 
 
 def read_document(text: bytes) -> Document:
-    """Observations of a streams document, in the order of their sequence.
+    """Return the observations of a streams document, in the order of their sequence.
 
     Raises
     ------
@@ -151,7 +151,7 @@ def read_document(text: bytes) -> Document:
 
 
 def stamp_ns(text: str) -> int:
-    """Nanoseconds since the epoch of a timestamp with any number of decimals."""
+    """Return a timestamp, with any number of decimals, as nanoseconds since the epoch."""
     match = _STAMP.match(text)
     if match is None:
         raise DeviceError(f"MTConnect: expected a timestamp, got {text[:80]!r}.")
@@ -164,7 +164,7 @@ def stamp_ns(text: str) -> int:
 
 
 def _words_of(root: ET.Element) -> str:
-    """The agent's own words (1.x: the element's text; 2.x: an element below it)."""
+    """Return the agent's own words (1.x: the element's text; 2.x: an element below it)."""
     errors = [
         f"{e.get('errorCode')}: {' '.join(' '.join(e.itertext()).split())}"
         for e in root.iter()

@@ -156,7 +156,7 @@ class Session:
             )
 
     async def _interval_to_ask_for(self, subscription: Any, nodes: dict[_Key, Node]) -> float:
-        """Ours; 0, the fastest that the server can, where it revises ours upwards but 0 less.
+        """Return our interval (ms); 0 where the server revises ours upwards but 0 less.
 
         Such a server samples by slow timers, or reports every change (OPC 10000-4, 5.12.1.2).
         Others could flood us when asked for 0.
@@ -187,7 +187,7 @@ class Session:
     # --- finding nodes -------------------------------------------------------------------------
 
     async def _find(self, path: str, start: Node | None = None) -> Node:
-        """Node of a path or a node id. Raises InputError where the server has none."""
+        """Return the node of a path or node id; raise InputError where there is none."""
         if "=" in path.split("/", 1)[0]:
             return await self._by_id(path)
         node = start or self._client.nodes.objects
@@ -208,7 +208,7 @@ class Session:
         return self._client.get_node(text)
 
     async def _interface(self) -> Node:
-        """The server's CncInterface that has axes, at most three levels below Objects.
+        """Return the server's CncInterface that has axes, at most three levels below Objects.
 
         OPC 40502's own nodeset brings an interface without any ("test") along.
         """
@@ -322,7 +322,7 @@ class Session:
         self._put(DeviceError(f"OPC UA: the server ends the subscription ({status.Status})."))
 
     def _make_samples(self) -> None:
-        """One sample for each group of equal stamps, oldest first."""
+        """Make one sample of each group of equal stamps, oldest first."""
         gathered, self._gathered = sorted(self._gathered, key=lambda g: g[0]), []
         # Program and mode keep the stamp of their last change; they only accompany positions.
         slow = [g for g in gathered if g[1][0] == "" and g[1][1] != "clock"]
@@ -346,7 +346,7 @@ class Session:
                 self._at_rest(group[-1][0])
 
     def _learn_interval(self, stamp_ns: int) -> None:
-        """The interval that the server really keeps, which it may have revised upwards."""
+        """Learn the interval that the server really keeps: it may have revised ours upwards."""
         self._steps_ns.append(stamp_ns - self._last_ns)
         self._last_ns = stamp_ns
         if len(self._steps_ns) == self._steps_ns.maxlen:
@@ -354,7 +354,7 @@ class Session:
             self.revised_interval_s = max(self._interval_s, min(1.0, typical_ns / 1e9))
 
     def _at_rest(self, clock_ns: int) -> None:
-        """The server's clock went on and no axis was reported: all stood at the last sampling.
+        """Make a sample at rest: the server's clock went on and reported no axis.
 
         Unless this server has refreshed the stamps of axes at rest before: then its silence means
         that the control behind it is not heard any more.
@@ -411,7 +411,7 @@ class Session:
         )
 
     def _positions(self) -> tuple[dict[str, float], dict[str, float]]:
-        """Measured and commanded, mm and rad."""
+        """Return measured and commanded positions, mm and rad."""
         measured, commanded = {}, {}
         for axis in self._scales:
             if self._is_inactive(axis):
@@ -449,12 +449,12 @@ class Session:
         return self._values.get((axis, "inactive")) is True
 
     def _all_came(self) -> bool:
-        """Whether every node of a position has been heard of once, good or bad."""
+        """Return whether every node of a position has been heard of once, good or bad."""
         wanted = {key for key in self._keys.values() if key[1] in _POSITIONS}
         return wanted <= self._values.keys()
 
     def _unusable_now(self, positions: dict[str, float]) -> dict[str, str]:
-        """Why axes have no position now; those that are none (inactive) are left out."""
+        """Return why axes have no position now; inactive axes are left out."""
         unusable = {a: why for a, why in self._unusable.items() if not self._is_inactive(a)}
         for axis in self._scales:
             if axis in positions or self._is_inactive(axis):
@@ -489,7 +489,7 @@ class Session:
 
 
 async def _child(node: Node, name: str) -> Node | None:
-    """Child by browse name; a name without ``ns:`` fits any namespace."""
+    """Return a child by its browse name; a name without ``ns:`` fits any namespace."""
     wanted = ua.QualifiedName.from_string(name) if ":" in name else None
     for reference in await node.get_references(direction=ua.BrowseDirection.Forward):
         browse_name = reference.BrowseName
@@ -516,7 +516,7 @@ def _without_unitless(
 
 
 async def _bool(node: Node) -> bool | None:
-    """What a node says; None where that is not yes or no."""
+    """Return a node's yes or no; None where it says neither."""
     try:
         value = await node.read_value()
     except ua.UaError:
@@ -529,7 +529,7 @@ async def _says_true(node: Node | None) -> bool:
 
 
 def _unit_trouble(units: set[str | None], turns: bool | None) -> str:
-    """Why units tell no scale; empty where they do."""
+    """Return why units give no scale; empty where they do."""
     if None in units:
         return "tells no unit; give it in the mapping file"
     if len(units) > 1:
@@ -541,14 +541,14 @@ def _unit_trouble(units: set[str | None], turns: bool | None) -> str:
 
 
 async def _first(interface: Node, name: str) -> Node | None:
-    """First object of a list of the interface."""
+    """Return the first object of a list of the interface."""
     found = await _child(interface, name)
     objects = await found.get_children(nodeclassmask=ua.NodeClass.Object) if found else []
     return objects[0] if objects else None
 
 
 async def _unit(node: Node) -> str | None:
-    """Unit that a variable's EngineeringUnits tell: by UNECE's code, or in words."""
+    """Return the unit in a variable's EngineeringUnits: by UNECE's code, or in words."""
     units = await _child(node, "EngineeringUnits")
     if units is None:
         return None
@@ -563,12 +563,12 @@ async def _unit(node: Node) -> str | None:
 
 
 def _ns(stamp: Any) -> int:
-    """Nanoseconds since the epoch of a timestamp, without the rounding of floats."""
+    """Return a timestamp as nanoseconds since the epoch, without the rounding of floats."""
     return calendar.timegm(stamp.timetuple()) * 1_000_000_000 + stamp.microsecond * 1000
 
 
 def _number(value: object) -> float | None:
-    """A finite number; None for anything else that a server may hold."""
+    """Return a finite number; None for anything else that a server may hold."""
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     return float(value) if is_number and math.isfinite(value) else None  # type: ignore[arg-type]
 

@@ -90,7 +90,7 @@ class TwoMeasurements:
         return Choice(name="", why=why)
 
     def _is_dead(self, seen: _Seen, reading: Reading, other_seen: _Seen, other: Reading) -> bool:
-        """Whether a value stood while the other moved, or is a bare 0 against command and other."""
+        """Return whether a value is dead: stood while the other moved, or is a bare 0."""
         moved = MOTION[self._rotary]
         if seen.span > 0.0:
             return False

@@ -79,7 +79,7 @@ class SimulatedCellControl:
                 return (_sample(state, stamp_ns, self._cell.scenario.name),)
 
     def read_truth(self) -> Sequence[TruePose]:
-        """Where the spindle truly was since the last call."""
+        """Return where the spindle truly was since the last call."""
         truth, self._truth = self._truth, []
         return truth
 
@@ -104,10 +104,10 @@ class SimulatedCellControl:
         return self.work_offset(offset.name)
 
     def close(self) -> None:
-        """Nothing is held open."""
+        """Do nothing: no connection is held open."""
 
     def _halted(self) -> SimulatedControl:
-        """A control whose program will not start by itself."""
+        """Return a control whose program does not start by itself."""
         return SimulatedControl(self._cell, start_ns=2**62)
 
 
@@ -128,7 +128,7 @@ def _sample(state: ControlState, stamp_ns: int, program: str) -> ControlSample:
 
 
 def machine_of(scenario: Scenario) -> Machine:
-    """The kinematics of a scenario's machine: X, Y and Z, and the spindle as it is mounted."""
+    """Return a scenario's machine: X, Y and Z, and the spindle as it is mounted."""
     links = ("machine", *AXIS_NAMES, "spindle")
     axes = scenario.machine.axes
     joints = [

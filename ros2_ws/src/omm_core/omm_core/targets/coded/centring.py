@@ -39,7 +39,7 @@ comes from what the camera does to edges (sharpening, JPEG), which is the same o
 
 
 def centre_of_outline(reading: Reading) -> DetectedTarget:
-    """The outline's ellipse as result; its covariance from the scatter of its points."""
+    """Return the outline's ellipse as the result; its covariance comes from its points' scatter."""
     scatter = max(float(reading.outline[7]), 0.01) ** 2
     return _result(
         reading, reading.outline[:5], np.eye(2) * scatter * 2.0 / 40.0, reading.outline[8]
@@ -70,7 +70,7 @@ def centre_all(
 
 
 def _is_to_see_again(reading: Reading, light: Light | None) -> bool:
-    """Whether light was taken from edges too, for want of knowing well where these are.
+    """Return whether to look again: light was taken from edges that were not well known.
 
     A small dot's outline is known to a tenth of a pixel, and its ring has few pixels away from
     edges. What is saturated looks wider than it is.
@@ -91,7 +91,7 @@ def _fit(
     saturation: float,
     light: Light | None,
 ) -> tuple[Floats, Floats, Floats] | None:
-    """Parameters, covariance and statistics of `dot_fit.fit_dot`, or None."""
+    """Return parameters, covariance and statistics of `dot_fit.fit_dot`, or None."""
     shape = reading.outline
     prior, mean = slopes_prior(reading, light, read, gain)
     p = np.zeros(PARAMETERS)
@@ -141,7 +141,7 @@ def _judge(
 
 
 def _of_the_light(p: Floats) -> float:
-    """Standard deviation of the centre, px, for light that falls otherwise than as a plane."""
+    """Return the centre's standard deviation, px, for light that is not a plane."""
     fall = math.hypot(p[7], p[8]) / abs(p[6] - p[9])
     return UNEVEN_SHARE * fall**2 * radius(p)
 

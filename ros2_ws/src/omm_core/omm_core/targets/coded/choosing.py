@@ -108,7 +108,7 @@ def _farthest_first(score: NDArray[np.int64], start: int, count: int) -> list[in
 def _pairs(
     a: NDArray[np.int64], b: NDArray[np.int64], bits: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Distance and arc of all pairs, shapes (len(a), len(b))."""
+    """Return the distances and arcs of all pairs, shapes (len(a), len(b))."""
     weights, arcs = _tables(bits)
     mask = (1 << bits) - 1
     distance = np.full((len(a), len(b)), bits, dtype=np.int64)
@@ -122,7 +122,7 @@ def _pairs(
 
 
 def _tables(bits: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Number of set bits, and length of the shortest arc with all of them, for every value."""
+    """Return, for every value, the number of set bits and the shortest arc with all of them."""
     values = np.arange(1 << bits, dtype=np.int64)
     weights = np.zeros_like(values)
     clear = np.zeros_like(values)

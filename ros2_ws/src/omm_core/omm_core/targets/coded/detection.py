@@ -104,7 +104,7 @@ def _check(image: Image, options: DetectionOptions) -> None:
 
 
 def _for_kernels(image: Image) -> Image:
-    """The same image in the one form for which the kernels are compiled (`warm_up`).
+    """Return the same image in the one form for which the kernels are compiled (`warm_up`).
 
     An array that may not be written to is another type to numba than one that may.
     """
@@ -114,7 +114,7 @@ def _for_kernels(image: Image) -> Image:
 
 
 def _search(image: Image, family: TargetFamily, options: DetectionOptions) -> NDArray[np.float64]:
-    """Candidates at full size: (N, 6) col, row, conic's xx, xy, yy, polarity."""
+    """Return the candidates at full size: (N, 6) col, row, conic's xx, xy, yy, polarity."""
     height, width = image.shape
     if min(height, width) < 24:
         return np.empty((0, 6))
@@ -162,7 +162,7 @@ def _saturation(image: Image, options: DetectionOptions, readings: list[Reading]
 
 
 def _outside(refused: list[RefusedTarget], targets: list[DetectedTarget]) -> list[RefusedTarget]:
-    """What was refused and does not lie in a dot that was found."""
+    """Return what was refused and does not lie in a dot that was found."""
     if not refused or not targets:
         return refused
     places = np.array([r.center_px for r in refused])[:, None]
@@ -175,7 +175,7 @@ def _outside(refused: list[RefusedTarget], targets: list[DetectedTarget]) -> lis
 def _refuse_doubles(
     targets: list[DetectedTarget],
 ) -> tuple[list[DetectedTarget], list[RefusedTarget]]:
-    """A number that is read twice is read once wrongly, or is a reflection: refuse both."""
+    """Refuse numbers read twice: one is misread, or a reflection."""
     ids = [target.id for target in targets]
     kept = [target for target in targets if ids.count(target.id) == 1]
     refused = [

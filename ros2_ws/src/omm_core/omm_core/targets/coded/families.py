@@ -46,7 +46,7 @@ def mirror_code(code: int, bits: int) -> int:
 
 @cache
 def _codes(maker: Maker, bits: int) -> NDArray[np.int64]:
-    """All admitted codes in ascending order, from the maker's rule (shape (N,), read-only)."""
+    """Return all admitted codes, ascending, by the maker's rule: (N,), read-only."""
     # Every smallest rotation but 0 and all ones starts with a clear bit and ends with a set one.
     values = np.arange(1, 1 << (bits - 1), 2, dtype=np.int64)
     parity = values.copy()

@@ -57,19 +57,22 @@ class Reading:
 
 
 def radius(conic: Floats) -> float:
-    """Radius of the circle with the area of the ellipse (5,), px."""
+    """Return the radius of the circle with the area of the ellipse (5,), px."""
     return float((conic[2] * conic[4] - conic[3] ** 2) ** -0.25)
 
 
 def refusal(conic: Floats, reason: str) -> RefusedTarget:
-    """An ellipse (5,) that is not taken for a target."""
+    """Return the refusal of an ellipse (5,) that is not taken for a target."""
     return RefusedTarget(center_px=conic[:2].copy(), diameter_px=2.0 * radius(conic), reason=reason)
 
 
 def judge_candidates(
     image: NDArray[Any], family: TargetFamily, candidates: Floats
 ) -> tuple[list[Reading], list[RefusedTarget]]:
-    """Outlines and numbers of the candidates (N, 6), large ones first; and what was refused."""
+    """Return outlines and numbers of the candidates (N, 6), and what was refused.
+
+    Large candidates are judged first.
+    """
     dots, shapes, bits, facts, doubts = read_candidates(
         image, candidates, family.ring_inner_ratio, family.ring_outer_ratio, family.bits
     )
@@ -125,7 +128,7 @@ def _number(
     facts: Floats,
     against: int,
 ) -> Reading | RefusedTarget:
-    """A reading, or a refusal."""
+    """Return a reading, or a refusal."""
     if against == reading.OTHER_WIDTH:
         return refusal(shape, f"the ring is not as wide as those of {family.name}")
     if against != reading.NONE:
@@ -148,7 +151,7 @@ def _number(
 def _perspective(
     image: NDArray[Any], family: TargetFamily, shape: Floats, straight: Floats
 ) -> Floats | None:
-    """How much larger the near side of a tilted target is than its far side, (2,) per dot radius.
+    """Return how much larger a tilted target's near side is, (2,) per dot radius.
 
     It lies along the ellipse's smaller axis. None where there is none to be seen, as of a small
     dot, which is far away.
@@ -186,7 +189,7 @@ def _perspective(
 def _read(
     image: NDArray[Any], family: TargetFamily, shape: Floats, lean: Floats
 ) -> tuple[NDArray[np.int64], Floats]:
-    """Bits and facts of `reading.read_ring`."""
+    """Return the bits and facts of `reading.read_ring`."""
     ring = (family.ring_inner_ratio, family.ring_outer_ratio, family.bits)
     bits, facts = read_ring(image, shape, lean, np.zeros(3), *ring)
     return bits, facts
@@ -195,7 +198,7 @@ def _read(
 def _uneven(
     image: NDArray[Any], family: TargetFamily, shape: Floats
 ) -> tuple[NDArray[np.int64], Floats] | None:
-    """Bits and facts of a ring that reads without doubt under light that falls across it."""
+    """Return bits and facts of a ring that reads without doubt under uneven light."""
     ring = (family.ring_inner_ratio, family.ring_outer_ratio, family.bits)
     read = []
     for light in lights_across(image, shape, *ring):
@@ -209,7 +212,7 @@ def _uneven(
 
 
 def _ring_error(facts: Floats) -> float:
-    """RMS of what is seen of the ring less what its bits let expect; NaN outside the image."""
+    """Return the RMS of the ring as seen less as its bits say; NaN outside the image."""
     if math.isnan(facts[0]):
         return math.nan
     unread = facts[1] < 0.1 or facts[7] < 0.5

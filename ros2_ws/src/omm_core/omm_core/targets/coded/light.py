@@ -138,7 +138,7 @@ def _half_clipped(taken: Floats, lost: NDArray[np.bool_]) -> Light:
 def slopes_prior(
     reading: Reading, light: Light | None, read: float, gain: float
 ) -> tuple[Floats, Floats]:
-    """Information (4, 4) and mean (4,) of the slopes of F and B, from the areas of the ring."""
+    """Return information (4, 4) and mean (4,) of F's and B's slopes, from the ring."""
     shape, r = reading.outline, reading.radius_px
     contrast = abs(float(shape[5] - shape[6]))
     if light is None:
@@ -157,7 +157,7 @@ def slopes_prior(
 
 
 def noise(around: Sequence[Light | None]) -> tuple[float, float]:
-    """Variance of a grey value I as read + gain I, from the scatter about all planes."""
+    """Return the variance of a grey value I, read + gain I, from the scatter about all planes."""
     lights = [light for light in around if light is not None]
     if not lights:
         return 4.0, 0.0

@@ -14,7 +14,7 @@ from omm_core.targets.conic.outline import square_root
 
 @numba.njit(cache=True, error_model="numpy")
 def ring_light(image, start, lean, inner, outer, bits, phase, s, saturation, mixed):
-    """Planes of light F and B through what lies around the dot, ring and gap.
+    """Return planes of light F and B through what lies around the dot, ring and gap.
 
     A pixel shows B + (F - B) R with R its share of the ring; where R is not almost 0 or 1 (nearer
     than `mixed`), a wrong radius would look like light, so edges are left out.
@@ -100,7 +100,10 @@ def ring_light(image, start, lean, inner, outer, bits, phase, s, saturation, mix
 
 @numba.njit(cache=True, error_model="numpy")
 def ring_scatter(taken, planes):
-    """Sums of squares about the planes (8,), and numbers, of all set [0] or clear [1] pixels."""
+    """Return the pixels' sums of squares about the planes (8,), and their numbers.
+
+    Index 0: set pixels of the ring; 1: clear ones.
+    """
     squares, count = np.zeros(2), np.zeros(2)
     for i in range(len(taken)):
         share, tx, ty, value = taken[i, 0], taken[i, 1], taken[i, 2], taken[i, 3]
@@ -117,7 +120,7 @@ def ring_scatter(taken, planes):
 
 @numba.njit(cache=True)
 def planes_of(normal, right):
-    """Solution (8,) of the normal equations of `ring_light`, and whether they can be solved."""
+    """Return the solution (8,) of `ring_light`'s normal equations, and if there is one."""
     scale = np.empty(8)
     for j in range(8):
         if not normal[j, j] > 0.0:
@@ -146,7 +149,7 @@ _KINDS = np.array([0, 0, 0, 1, 1, 1, 0, 1])
 
 @numba.njit(cache=True)
 def slope_information(normal, variances, levels, clipped, read, gain, contrast, bend, unseen):
-    """Information (4, 4) of the slopes fx, fy, bx, by.
+    """Return information (4, 4) of the slopes fx, fy, bx, by.
 
     Parameters
     ----------

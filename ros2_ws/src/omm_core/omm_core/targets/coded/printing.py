@@ -82,7 +82,7 @@ class Sheet:
         return width - 2.0 * MARGIN_MM, height - 2.0 * MARGIN_MM - FOOTER_MM
 
     def places_mm(self) -> list[tuple[int, int, float, float]]:
-        """(id, page from 0, x, y of the dot's centre from the paper's top-left corner)."""
+        """Return (id, page from 0, x, y of the dot's centre from the paper's top-left corner)."""
         columns = int(self.usable_mm[0] / self.cell_mm)
         rows = int(self.usable_mm[1] / self.cell_mm)
         places = []
@@ -103,7 +103,7 @@ class Sheet:
 def ring_polygons(
     family: TargetFamily, code: int, dot_radius_mm: float
 ) -> list[list[tuple[float, float]]]:
-    """Outlines of the ring's set arcs (mm, x right, y down, about the dot's centre).
+    """Return the outlines of the ring's set arcs (mm, x right, y down, about the dot's centre).
 
     Neighbouring set sectors are one outline: no hair line between them.
     """

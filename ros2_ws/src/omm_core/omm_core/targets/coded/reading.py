@@ -25,7 +25,9 @@ MAX_PROFILE_RMS = 0.17
 
 @numba.njit(cache=True, error_model="numpy")
 def ring_profile(image, col, row, a11, a12, a22, lean_x, lean_y, radii, count):
-    """Mean grey value at the given radii (dot radii), at `count` angles clockwise; NaN outside.
+    """Return the mean grey value at radii (in dot radii), `count` angles clockwise.
+
+    It is NaN outside the image.
 
     `lean` is the perspective's share: a point u of the target's plane (dot radii) is seen at
     centre + A u / (1 + lean · u).
@@ -49,7 +51,7 @@ def ring_profile(image, col, row, a11, a12, a22, lean_x, lean_y, radii, count):
 
 @numba.njit(cache=True, error_model="numpy")
 def read_bits(profile, bits):
-    """Phase of the sectors and the mean over the middle half of each.
+    """Return the phase of the sectors and the mean over each one's middle half.
 
     Parameters
     ----------
@@ -85,7 +87,7 @@ _PHI = np.array([0.5 * math.erfc(-z / math.sqrt(2.0)) for z in np.arange(-256, 2
 
 @numba.njit(cache=True, error_model="numpy")
 def phi(z):
-    """Normal distribution to 1e-5, from a table."""
+    """Return the normal distribution to 1e-5, from a table."""
     if z >= 4.0:
         return 1.0
     if z <= -4.0:
@@ -97,7 +99,7 @@ def phi(z):
 
 @numba.njit(cache=True, error_model="numpy")
 def expected_profile(a11, a12, a22, inner, outer, bits, phase, s, radii, count):
-    """What `ring_profile` should show of the bits: 0 to 1, with the blur s (px).
+    """Return what `ring_profile` should show of the bits: 0 to 1, with the blur s (px).
 
     `phase` is where the first sector begins (rad, clockwise; within the first sector's width).
     """
@@ -246,7 +248,7 @@ NONE, CUT, NO_RING, UNCLEAR, COVERED, FILLED, OTHER_WIDTH = range(7)
 
 @numba.njit(cache=True, error_model="numpy")
 def doubt(facts):
-    """What speaks against a ring, from the facts of `read_ring`."""
+    """Return what speaks against a ring, from the facts of `read_ring`."""
     if math.isnan(facts[0]):
         return CUT
     if facts[7] < 0.5 or facts[3] > 2.0 * MAX_PROFILE_RMS:
@@ -264,7 +266,7 @@ def doubt(facts):
 
 @numba.njit(cache=True, error_model="numpy")
 def read_candidates(image, candidates, inner, outer, bits_count):
-    """Outline and ring of all candidates, without perspective.
+    """Return outline and ring of all candidates, ignoring perspective.
 
     Parameters
     ----------

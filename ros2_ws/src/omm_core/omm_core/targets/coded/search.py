@@ -93,7 +93,7 @@ def find_dots(half, step, contrast, max_run, gap_ratio, read_ratio, found):
 
 @numba.njit(cache=True, error_model="numpy")
 def _edges(row, steep, eights, edge_x, edge_d):
-    """Where a row is steepest in each stretch of `steep` of one sign; how many there are."""
+    """Return where a row is steepest in each stretch of `steep` of one sign; how many there are."""
     count = 0
     peak = np.int64(0)
     peak_x = 0
@@ -173,7 +173,7 @@ def _test_run(half, left, right, y, bright, contrast, gap_ratio, read_ratio, see
 
 @numba.njit(cache=True, error_model="numpy")
 def _between(half, col, row):
-    """Bilinear grey value; the place must be inside the image."""
+    """Return the bilinear grey value; the place must be inside the image."""
     x, y = int(col), int(row)
     fx, fy = col - x, row - y
     top = (1 - fx) * half[y, x] + fx * half[y, x + 1]
@@ -183,7 +183,10 @@ def _between(half, col, row):
 
 @numba.njit(cache=True, error_model="numpy")
 def _crossing(half, col, row, c, s, t, level, sign):
-    """Where a ray crosses the level, near step t: the nearest pixel there is the first below."""
+    """Return where a ray crosses the level, near step t.
+
+    The nearest pixel at that step is the first below the level.
+    """
     now = sign * (_between(half, col + t * c, row + t * s) - level)
     if now > 0.0:
         t += 1
@@ -199,7 +202,7 @@ def _crossing(half, col, row, c, s, t, level, sign):
 
 @numba.njit(cache=True, error_model="numpy")
 def _ellipse(half, col, row, level, sign, reach):
-    """Ellipse through the first crossings of `level` on rays from (col, row)."""
+    """Return the ellipse through the first crossings of `level` on rays from (col, row)."""
     height, width = half.shape
     lengths = np.empty(RAYS)
     a = b = c2 = 0.0
@@ -268,7 +271,7 @@ def _ellipse(half, col, row, level, sign, reach):
 
 @numba.njit(cache=True, error_model="numpy")
 def _ring_like(half, col, row, xx, xy, yy, level, sign, gap_ratio, read_ratio):
-    """Is the gap clear, and is something set at the ring's radius?"""
+    """Return whether the gap is clear, and something is set at the ring's radius."""
     height, width = half.shape
     for ratio in (gap_ratio, 0.5):
         total = squares = 0.0

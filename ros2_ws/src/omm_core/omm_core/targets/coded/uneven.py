@@ -94,7 +94,7 @@ def lights_across(
 
 
 def _fills(sides: list[Floats], ring: Floats, light: Floats, angles: Floats) -> bool:
-    """Whether what is set is as bright near the ring's inner edge as near its outer one.
+    """Return whether what is set is as bright near the ring's inner edge as near its outer one.
 
     Another family's ring, of which only a part lies here, is not.
     """

@@ -38,7 +38,10 @@ _SLOPE = np.exp(-0.5 * _NODES**2) / math.sqrt(2.0 * math.pi)
 
 @numba.njit(cache=True, error_model="numpy")
 def _phi_and_slope(z):
-    """Normal distribution (to 1e-8, a cubic between nodes) and density (to 1e-4), |z| <= 4.5."""
+    """Return the normal distribution and its density for |z| <= 4.5.
+
+    The distribution is right to 1e-8 (a cubic between nodes), the density to 1e-4.
+    """
     t = (z - _NODES[0]) * _STEPS
     i = int(t)
     u = t - i
@@ -63,7 +66,7 @@ def _ring_share(u, v, rho, length, inner, s, bits, phase):
 
 @numba.njit(cache=True, error_model="numpy")
 def sort_pixels(image, start, p, inner, below, pixels, flat):
-    """Part the window (the dot and the gap, up to well before the ring) into edge and flat.
+    """Sort the window's pixels (dot and gap, up to well before the ring) into edge and flat.
 
     Parameters
     ----------
@@ -125,7 +128,7 @@ in px, distance outside of the edge (px), share of the pixel that is set, slope 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
 def place(pixels, used, p, geometry):
-    """Where the pixels lie with respect to the dot's edge."""
+    """Fill in where the pixels lie with respect to the dot's edge."""
     s = p[5]
     bulge = 0.5 * s * s * (p[2] * p[4] - p[3] * p[3])
     x, y, xx, xy, yy = p[0], p[1], p[2], p[3], p[4]
@@ -141,7 +144,7 @@ def place(pixels, used, p, geometry):
 
 @numba.njit(cache=True, error_model="numpy")
 def shares(pixels, geometry, used, p, a11, a12, a22, inner, bits, phase):
-    """How much of each pixel is set."""
+    """Fill in how much of each pixel is set."""
     s = p[5]
     area = a11 * a22 - a12 * a12
     for i in range(used):
@@ -162,7 +165,7 @@ def shares(pixels, geometry, used, p, a11, a12, a22, inner, bits, phase):
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
 def find_clipped(pixels, geometry, used, p, x0, y0, r0, read, gain, saturation, by_value, clipped):
-    """Which pixels tell "at least" (or "at most") only; whether there are any."""
+    """Return which pixels say only "at least" (or "at most"), and whether any do."""
     some = False
     for i in range(used):
         value, share = pixels[2, i], geometry[SHARE, i]

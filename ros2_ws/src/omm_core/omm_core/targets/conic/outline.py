@@ -16,7 +16,7 @@ MIN_RADIUS_PX = 1.8
 
 @numba.njit(cache=True, error_model="numpy")
 def between(image, col, row):
-    """Bilinear grey value; the place must be inside the image (see `inside`)."""
+    """Return the bilinear grey value; the place must be inside the image (see `inside`)."""
     x, y = int(col), int(row)
     fx, fy = col - x, row - y
     top = image[y, x] + fx * (np.int64(image[y, x + 1]) - np.int64(image[y, x]))
@@ -26,14 +26,14 @@ def between(image, col, row):
 
 @numba.njit(cache=True, error_model="numpy")
 def inside(image, col, row):
-    """Has a place four pixels around it?"""
+    """Return whether a place has four pixels around it."""
     height, width = image.shape
     return 0.0 <= col <= width - 1.001 and 0.0 <= row <= height - 1.001
 
 
 @numba.njit(cache=True, error_model="numpy")
 def within_any(conics, count, col, row, ratio):
-    """Lies a point within `ratio` times one of the first `count` ellipses (N, 5)?"""
+    """Return whether a point lies within `ratio` times one of the first `count` ellipses (N, 5)."""
     for i in range(count):
         dx, dy = col - conics[i, 0], row - conics[i, 1]
         rho2 = conics[i, 2] * dx * dx + 2.0 * conics[i, 3] * dx * dy + conics[i, 4] * dy * dy
@@ -44,7 +44,7 @@ def within_any(conics, count, col, row, ratio):
 
 @numba.njit(cache=True, error_model="numpy")
 def square_root(xx, xy, yy):
-    """A with A A = M⁻¹ (symmetric): maps the unit circle to the ellipse xᵀ M x = 1."""
+    """Return a with A A = M⁻¹ (symmetric): maps the unit circle to the ellipse xᵀ M x = 1."""
     det = xx * yy - xy * xy
     ixx, ixy, iyy = yy / det, -xy / det, xx / det
     s = math.sqrt(ixx * iyy - ixy * ixy)
@@ -54,7 +54,7 @@ def square_root(xx, xy, yy):
 
 @numba.njit(cache=True, error_model="numpy")
 def semi_axes(xx, xy, yy):
-    """Smaller and larger semi-axis of the ellipse xᵀ M x = 1."""
+    """Return the smaller and larger semi-axis of the ellipse xᵀ M x = 1."""
     a11, a12, a22 = square_root(xx, xy, yy)
     mean, half = 0.5 * (a11 + a22), 0.5 * math.sqrt((a11 - a22) ** 2 + 4.0 * a12 * a12)
     return mean - half, mean + half
@@ -62,7 +62,7 @@ def semi_axes(xx, xy, yy):
 
 @numba.njit(cache=True, error_model="numpy")
 def outline(image, col, row, xx, xy, yy, sign):
-    """Ellipse through the half levels of the dot's edge on rays from its centre.
+    """Return the ellipse through the half levels of the dot's edge on rays from its centre.
 
     Returns
     -------
@@ -151,7 +151,7 @@ def outline(image, col, row, xx, xy, yy, sign):
 
 @numba.njit(cache=True, error_model="numpy")
 def dot_outline(image, candidate):
-    """`outline` of a candidate (6,); and whether it is that of a dot that can be read."""
+    """Return a candidate's (6,) `outline`, and whether it is that of a readable dot."""
     shape, ok = outline(
         image,
         candidate[0],
