@@ -1,4 +1,4 @@
-"""./omm calibrate: camera.yaml with its covariance from a calibration set."""
+"""./omm calibrate: camera.yaml from a calibration set; does an old one still hold?"""
 
 import argparse
 import json
@@ -12,20 +12,51 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--import", dest="foreign", metavar="FILE", type=Path,
         help="take the lens of a calibration of ROS, OpenCV, Kalibr or Metashape",
     )  # fmt: skip
+    parser.add_argument(
+        "--check", metavar="RUN", type=Path, help="does a calibration still hold on a new run?"
+    )
+    for name, words in (
+        ("part", "part file"), ("calibration", "calibration"), ("machine", "machine.yaml"),
+    ):  # fmt: skip
+        parser.add_argument(
+            f"--{name}", metavar="FILE", type=Path, help=f"{words} of --check (default: the run's)"
+        )
     parser.add_argument("--out", metavar="CAMERA.yaml", type=Path, help="write the calibration")
     parser.add_argument("--json", metavar="OUT", type=Path, help="write the result as JSON")
     parser.add_argument("--report", metavar="PDF", type=Path, help="write it as a document")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Calibrate and print what came out."""
+    """Calibrate, or do what an option asks for, and print what came out."""
     from omm_core.errors import InputError
 
-    if (arguments.set is None) == (arguments.foreign is None):
-        raise InputError("Expected either a SET or --import FILE.")
-    if arguments.foreign is not None:
-        return _import(arguments)
-    return _calibrate(arguments)
+    tasks = {"set": _calibrate, "foreign": _import, "check": _check}
+    given = [name for name in tasks if getattr(arguments, name) is not None]
+    if len(given) != 1:
+        raise InputError("Expected one of SET, --import FILE and --check RUN.")
+    of_check = [f"--{n}" for n in ("part", "calibration", "machine") if getattr(arguments, n)]
+    if of_check and given != ["check"]:
+        raise InputError(f"{of_check[0]} goes with --check RUN.")
+    return tasks[given[0]](arguments)
+
+
+def _check(arguments: argparse.Namespace) -> int:
+    from omm_core.errors import InputError
+    from omm_report.check_text import check_lines
+    from omm_runs.checking import check_run
+    from omm_runs.solving import SolveRunOptions
+
+    if arguments.out is not None or arguments.report is not None:
+        raise InputError("--check writes no calibration and no document: use --json.")
+    options = SolveRunOptions(
+        part_file=arguments.part,
+        calibration_file=arguments.calibration,
+        machine_file=arguments.machine,
+    )
+    check = check_run(arguments.check, options).check
+    _write_json(arguments.json, check.to_json_dict())
+    print("\n".join(check_lines(check)))
+    return 0 if check.holds else 1
 
 
 def _import(arguments: argparse.Namespace) -> int:

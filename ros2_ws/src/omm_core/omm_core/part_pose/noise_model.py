@@ -233,19 +233,26 @@ def _of_calibration(
     sigma = np.sqrt(np.diag(covariance)) if len(names) else np.zeros(0)
     if not options.use_calibration_covariance or not np.any(sigma > 0.0):
         return np.zeros_like(split)
-    values, columns = calibration.parameter_values(names), []
     uncertain = np.flatnonzero(sigma > 0.0)
-    for index in uncertain:
-        step = np.zeros(len(names))
-        step[index] = sigma[index]
+    steps = {names[index]: float(sigma[index]) for index in uncertain}
+    effect = split @ calibration_effect(problem, adjustment, whitening, steps)
+    scale = np.outer(sigma[uncertain], sigma[uncertain])
+    return np.asarray(effect @ (covariance[np.ix_(uncertain, uncertain)] / scale) @ effect.T)
+
+
+def calibration_effect(
+    problem: Problem, adjustment: Adjustment, whitening: Array, steps: dict[str, float]
+) -> Array:
+    """Return what one step of each parameter of the camera does to whitened pixels, (2N, P)."""
+    calibration, names = problem.calibration, tuple(steps)
+    values, columns = calibration.parameter_values(names), []
+    for step in np.diag(list(steps.values())):
         up, down = (
             _pixels(problem, calibration.with_parameters(names, values + sign * step), adjustment)
             for sign in (1.0, -1.0)
         )
         columns.append(np.einsum("nij,nj->ni", whitening, (up - down) / 2.0).ravel())
-    effect = split @ np.stack(columns, axis=1)
-    scale = np.outer(sigma[uncertain], sigma[uncertain])
-    return np.asarray(effect @ (covariance[np.ix_(uncertain, uncertain)] / scale) @ effect.T)
+    return np.stack(columns, axis=1)
 
 
 def _pixels(problem, calibration, adjustment) -> Array:  # type: ignore[no-untyped-def]
