@@ -11,8 +11,10 @@ from omm_core.budget.budget import GROUPS, Budget
 from omm_core.budget.campaign import Campaign
 from omm_core.budget.evaluation import root_sum_squares
 from omm_core.budget.probing import ProbingCheck
+from omm_core.budget.surface_map import SurfaceMap
 from omm_report.budget_figures import campaign_figure, map_figure, probing_figure, shares_figure
-from omm_report.budget_text import map_rows, verdict_lines
+from omm_report.budget_surface_picture import surface_figure
+from omm_report.budget_text import map_rows, surface_rows, verdict_lines
 from omm_report.campaign_text import (
     analysis_rows,
     campaign_dict,
@@ -27,7 +29,13 @@ if TYPE_CHECKING:
     from omm_runs.what_if import WhatIf
 
 
-def budget_document(budget: Budget, box_map: BoxMap, helps: Sequence[WhatIf], source: str) -> bytes:
+def budget_document(
+    budget: Budget,
+    box_map: BoxMap,
+    helps: Sequence[WhatIf],
+    source: str,
+    surface: SurfaceMap | None = None,
+) -> bytes:
     """Return the PDF of a budget."""
     document = Document("Uncertainty budget")
     document.paragraph(
@@ -44,6 +52,9 @@ def budget_document(budget: Budget, box_map: BoxMap, helps: Sequence[WhatIf], so
     document.heading("Over the part")
     document.table(map_rows(box_map))
     document.figure(map_figure(box_map), caption="U_total over the part's box; cross: the worst.")
+    if surface is not None:
+        document.table(surface_rows(surface), widths=(1.2, 0.8, 0.8, 0.8, 3.4))
+        document.figure(surface_figure(surface), caption="U_total over the CAD; cross: the worst.")
     document.heading("What would help")
     document.table(
         [["done better, all else as it is", "U at the worst point falls by"]]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from omm_core.budget.box_map import BoxMap
 from omm_core.budget.budget import GROUPS, Budget
 from omm_core.budget.evaluation import root_sum_squares
+from omm_core.budget.surface_map import SurfaceMap
 
 if TYPE_CHECKING:
     from omm_runs.what_if import WhatIf
@@ -18,14 +19,17 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-def budget_lines(budget: Budget, box_map: BoxMap, helps: Sequence[WhatIf]) -> list[str]:
-    """Return the tables of a budget: points, the worst one's contributors, the box, what helps."""
+def budget_lines(
+    budget: Budget, box_map: BoxMap, helps: Sequence[WhatIf], surface: SurfaceMap | None = None
+) -> list[str]:
+    """Return the tables of a budget: points, the worst one's contributors, the part, what helps."""
+    over = map_rows(box_map) + ([] if surface is None else surface_rows(surface))
     return [
         *_point_lines(budget),
         "",
         *_worst_lines(budget),
         "",
-        *("".join(f"{cell:<24}" for cell in row).rstrip() for row in map_rows(box_map)),
+        *("".join(f"{cell:<24}" for cell in row).rstrip() for row in over),
         "",
         *verdict_lines(budget),
         *(f"U there falls by {one.gain:5.1%} with {one.what}" for one in helps),
@@ -39,6 +43,16 @@ def map_rows(box_map: BoxMap) -> list[list[str]]:
     for name, low, mean, high, place in box_map.table():
         cells = [f"{1e3 * value:.1f}" for value in (low, mean, high)]
         rows.append([f"U {name}", *cells, " ".join(f"{v:g}" for v in place)])
+    return rows
+
+
+def surface_rows(surface: SurfaceMap) -> list[list[str]]:
+    """Return U_total over the CAD for each machine axis, µm, and where it is largest."""
+    rows = [["over the CAD, µm", "smallest", "mean", "largest", "at x y z, mm (part), on"]]
+    for row in surface.table():
+        cells = [f"{1e3 * v:.1f}" for v in (row.smallest_mm, row.mean_mm, row.largest_mm)]
+        place = " ".join(f"{v:.6g}" for v in row.worst_xyz_mm + 0.0)
+        rows.append([f"U {row.axis}", *cells, f"{place}, {row.worst_face}"])
     return rows
 
 

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from omm_core.overstock.face import Face
 from omm_core.overstock.fit import Fit
+from omm_core.overstock.pieces import cut_small
+from omm_core.overstock.triangles import triangle_normals
 
 Array = NDArray[np.float64]
 PIECES = 30.0
@@ -84,25 +86,8 @@ def map_of_faces(faces: tuple[Face, ...]) -> PartMap:
 
 def _cut(faces: tuple[Face, ...]) -> tuple[Array, Array, NDArray[np.int64]]:
     """Return triangles small enough to carry a colour, outward normals, faces."""
-    corners = np.concatenate([face.triangles for face in faces])
-    number = np.repeat(np.arange(len(faces)), [len(face.triangles) for face in faces])
-    size = float(np.linalg.norm(corners.max(axis=(0, 1)) - corners.min(axis=(0, 1)))) / PIECES
-    done, numbers = [], []
-    while len(corners):
-        edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
-        large = (edges.max(axis=1) > size) & (len(corners) < MOST)
-        done.append(corners[~large])
-        numbers.append(number[~large])
-        corners, edges, number = corners[large], edges[large], np.repeat(number[large], 2)
-        rows, first = np.arange(len(corners)), edges.argmax(axis=1)
-        a, b, c = (corners[rows, (first + k) % 3] for k in range(3))
-        middle = 0.5 * (a + b)
-        halves = [np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)]
-        corners = np.stack(halves, axis=1).reshape(-1, 3, 3)
-    triangles, face = np.concatenate(done), np.concatenate(numbers)
-    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    length = np.linalg.norm(cross, axis=1, keepdims=True)
-    return triangles, cross / np.maximum(length, 1e-300), face
+    triangles, face = cut_small(faces, pieces=PIECES, most=MOST)
+    return triangles, triangle_normals(triangles), face
 
 
 def _between(places: Array, points: Array, values: Array) -> Array:

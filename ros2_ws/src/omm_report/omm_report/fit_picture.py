@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_report.fit_map import PartMap
+from omm_report.triangle_picture import VIEWS, draw_triangles
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -17,7 +18,6 @@ COLOURS = "RdYlGn"
 GREY = (0.75, 0.75, 0.78)
 # Places of a face that are tried for its number.
 FEW = 60
-VIEWS = ((30.0, -60.0, "from the front, above"), (-30.0, 120.0, "from the back, below"))
 
 
 def colour_range(drawn: PartMap) -> tuple[float, float]:
@@ -45,7 +45,7 @@ def overstock_figure(drawn: PartMap) -> Figure:
         figure.add_subplot(1, 2, n + 1, projection="3d", computed_zorder=False) for n in range(2)
     ]
     for area, (elevation, azimuth, words) in zip(axes, VIEWS, strict=True):
-        look = _draw(area, drawn, colours, elevation, azimuth)
+        look = draw_triangles(area, drawn.corners, drawn.normals, colours, (elevation, azimuth))
         seen = _towards(drawn, look)
         area.scatter(*drawn.points[seen].T, s=4, c="black", depthshade=False, zorder=1e6)
         area.set_title(words, fontsize=8)
@@ -64,7 +64,7 @@ def faces_figure(drawn: PartMap) -> Figure:
     figure = Figure(figsize=(11.0, 5.2), layout="constrained")
     for n, (elevation, azimuth, words) in enumerate(VIEWS):
         area = figure.add_subplot(1, 2, n + 1, projection="3d", computed_zorder=False)
-        look = _draw(area, drawn, colours, elevation, azimuth)
+        look = draw_triangles(area, drawn.corners, drawn.normals, colours, (elevation, azimuth))
         for number in np.unique(drawn.face):
             seen = (drawn.face == number) & (drawn.normals @ look > 0.05)
             middle = drawn.corners[seen].mean(axis=1)
@@ -75,30 +75,6 @@ def faces_figure(drawn: PartMap) -> Figure:
                 area.text(*(place + 0.01 * look), str(number + 1), fontsize=9, zorder=1e6)
         area.set_title(words, fontsize=8)
     return figure
-
-
-def _draw(area, drawn: PartMap, colours: Array, elevation: float, azimuth: float) -> Array:  # type: ignore[no-untyped-def]
-    """Draw the triangles that face the eye; return the direction to the eye."""
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
-
-    up, round_ = np.radians([elevation, azimuth])
-    look = np.array([np.cos(up) * np.cos(round_), np.cos(up) * np.sin(round_), np.sin(up)])
-    seen = drawn.normals @ look > 0.0
-    light = (0.55 + 0.45 * np.abs(drawn.normals[seen] @ look))[:, None]
-    shaded = np.clip(colours[seen] * light, 0.0, 1.0)
-    area.add_collection3d(
-        Poly3DCollection(drawn.corners[seen], facecolors=shaded, edgecolors=shaded, linewidths=0.2)
-    )
-    low, high = drawn.corners.min(axis=(0, 1)), drawn.corners.max(axis=(0, 1))
-    middle, half = 0.5 * (low + high), 0.5 * (high - low)
-    area.set_xlim(middle[0] - half[0], middle[0] + half[0])
-    area.set_ylim(middle[1] - half[1], middle[1] + half[1])
-    area.set_zlim(middle[2] - half[2], middle[2] + half[2])
-    area.set_box_aspect(np.maximum(half, 0.05 * half.max()), zoom=1.15)
-    area.view_init(elevation, azimuth)
-    area.tick_params(labelsize=6)
-    area.set_proj_type("ortho")
-    return look
 
 
 def _hidden(drawn: PartMap, place: Array, look: Array) -> bool:

@@ -132,11 +132,16 @@ def budget_at(sources: BudgetSources, points: Sequence[NamedPoint]) -> Budget:
 def map_of(sources: BudgetSources, steps: int = 9) -> BoxMap:
     """Return U_total over the part's box, by the GUM, on a grid of so many steps each way."""
     axes, grid = grid_of(sources.part.box(), steps)
-    points = [NamedPoint(name="", xyz_mm=xyz) for xyz in grid.reshape(-1, 3)]
+    expanded = expanded_at(sources, grid.reshape(-1, 3))
+    return BoxMap(axes_mm=axes, expanded_mm=expanded.reshape(grid.shape))
+
+
+def expanded_at(sources: BudgetSources, xyz_mm: Array) -> Array:
+    """Return U_total by the GUM at points (P, 3) of the part, (P, 3) mm along machine X Y Z."""
+    points = [NamedPoint(name="", xyz_mm=xyz) for xyz in xyz_mm]
     contributions, _ = contributions_at(sources, points)
     combined = combine(contributions, _correlation(sources.file, contributions)[0])
-    expanded = _coverage(sources.file).factors(combined) * combined.standard_uncertainty_mm
-    return BoxMap(axes_mm=axes, expanded_mm=expanded.reshape(grid.shape))
+    return _coverage(sources.file).factors(combined) * combined.standard_uncertainty_mm
 
 
 def _correlation(

@@ -35,7 +35,7 @@ class WhatIf:
 def what_ifs(sources: BudgetSources, budget: Budget) -> tuple[WhatIf, ...]:
     """Return what would help, the most helpful first; what helps less than 0.5 % is left out."""
     found = [
-        *_halved(budget),
+        *_halved(budget, of_a_run=sources.run is not None and sources.campaign is None),
         *_of_the_run(sources, budget),
         *_of_the_survey(sources, budget),
     ]
@@ -62,8 +62,9 @@ def _scaled(
     ]
 
 
-def _halved(budget: Budget) -> list[WhatIf]:
-    words = {
+def _halved(budget: Budget, *, of_a_run: bool) -> list[WhatIf]:
+    words = {} if of_a_run else {"u_ip": "the pose in the machine known twice as well"}
+    words |= {
         "u_it": "the part's temperature known twice as well",
         "u_machine": "a machine twice as exact where the tool goes",
     }

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from omm_core.budget.contributor import Contributor, expect_once, read_contributors
 from omm_core.budget.distributions import Distribution
 from omm_core.budget.spread_reading import SPREAD_KEYS, read_sigma, read_spread
 from omm_core.errors import InputError
@@ -17,10 +16,10 @@ from omm_core.files.yaml_input import YamlSection, read_yaml
 
 Array = NDArray[np.float64]
 
-# What a length's unit is in mm; of any other unit the sensitivity says how many mm it makes.
-LENGTHS_MM = {"m": 1e3, "mm": 1.0, "um": 1e-3, "µm": 1e-3, "μm": 1e-3, "nm": 1e-6}
 _ROOT = ("part", "points", "u_ip", "u_it", "u_out", "machine", "contributors", "coverage_factor",
-         "coverage_probability", "tolerance_mm", "tool_mm")  # fmt: skip
+         "coverage_probability", "tolerance_mm", "tool_mm", "cad", "cad_unit")  # fmt: skip
+# Of STL and PLY, which do not tell theirs; as in fit.yaml.
+CAD_UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,22 +77,11 @@ class OutOfMachine:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Contributor:
-    """Anything else: ``sensitivity`` (3,) makes mm of it along machine X Y Z.
-
-    ``correlation`` is by name with other contributors, or with u_ip, u_it, u_out, u_machine.
-    """
-
-    name: str
-    unit: str
-    distribution: Distribution
-    sensitivity: Array
-    correlation: Mapping[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class BudgetFile:
-    """What budget.yaml says; ``points`` is None where the box of the part is meant."""
+    """What budget.yaml says; ``points`` is None where the box of the part is meant.
+
+    ``cad`` is the part's surface, in the part frame, for the map of U over it.
+    """
 
     path: Path
     part: Path
@@ -107,6 +95,8 @@ class BudgetFile:
     coverage_factor: float | None
     coverage_probability: float | None
     tolerance_mm: float | None
+    cad: Path | None
+    cad_unit_mm: float
 
 
 def load_budget_file(path: Path) -> BudgetFile:
@@ -135,10 +125,12 @@ def load_budget_file(path: Path) -> BudgetFile:
         u_out=_out_of_machine(root.section("u_out"), path.parent) if "u_out" in root else None,
         machine=path.parent / root.text("machine") if "machine" in root else None,
         tool_mm=root.numbers("tool_mm", 3) if "tool_mm" in root else np.zeros(3),
-        contributors=_contributors(root),
+        contributors=read_contributors(root),
         coverage_factor=2.0 if factor is None and probability is None else factor,
         coverage_probability=probability,
         tolerance_mm=root.number("tolerance_mm", above=0.0) if "tolerance_mm" in root else None,
+        cad=path.parent / root.text("cad") if "cad" in root else None,
+        cad_unit_mm=_cad_unit_mm(root),
     )
     if not (file.u_ip or file.u_it or file.u_out or file.machine or file.contributors):
         raise InputError(
@@ -165,7 +157,7 @@ def _points(root: YamlSection) -> tuple[NamedPoint, ...] | None:
         )
         for entry in entries
     )
-    _once([point.name for point in points], f"{root.where}: points")
+    expect_once([point.name for point in points], f"{root.where}: points")
     return points
 
 
@@ -220,59 +212,6 @@ def _out_of_machine(section: YamlSection, folder: Path) -> OutOfMachine:
     )
 
 
-def _contributors(root: YamlSection) -> tuple[Contributor, ...]:
-    given = root.values.get("contributors") or []
-    if not isinstance(given, list):
-        raise InputError(f"{root.where}: expected a list of contributors, got {given!r}.")
-    found = tuple(
-        _contributor(YamlSection(entry, f"{root.where}: contributors, entry {number}"))
-        for number, entry in enumerate(given, start=1)
-    )
-    names = [one.name for one in found]
-    _once(names, f"{root.where}: contributors")
-    for one in found:
-        for other, r in one.correlation.items():
-            if other == one.name or not -1.0 <= r <= 1.0:
-                raise InputError(
-                    f"{root.where}: expected the correlation of {one.name} as a number from -1 to 1"
-                    f" with another contributor, got {other}: {r}."
-                )
-            back = found[names.index(other)].correlation if other in names else {}
-            if back.get(one.name, r) != r:
-                raise InputError(
-                    f"{root.where}: {one.name} and {other} tell different correlations of the two."
-                )
-    return found
-
-
-def _contributor(entry: YamlSection) -> Contributor:
-    name = entry.text("name")
-    if name in ("u_ip", "u_it", "u_out", "u_machine"):
-        raise InputError(f"{entry.where}: the name {name} is taken: choose another.")
-    entry = YamlSection(entry.values, f"{entry.where} ({name})")
-    unit = entry.text("unit") if "unit" in entry else "mm"
-    sensitivity = np.ones(3)
-    if "sensitivity" in entry:
-        one = not isinstance(entry.get("sensitivity"), list)
-        sensitivity = (
-            np.full(3, entry.number("sensitivity")) if one else entry.numbers("sensitivity", 3)
-        )
-    elif unit not in LENGTHS_MM:
-        raise InputError(f"{entry.where}: a sensitivity is needed: how many mm one {unit} makes.")
-    correlation = entry.section("correlation") if "correlation" in entry else None
-    return Contributor(
-        name=name,
-        unit=unit,
-        distribution=read_spread(entry, ("name", "unit", "sensitivity", "correlation")),
-        sensitivity=sensitivity * LENGTHS_MM.get(unit, 1.0),
-        correlation=(
-            {str(other): correlation.number(other) for other in correlation.values}
-            if correlation
-            else {}
-        ),
-    )
-
-
 def _probability(root: YamlSection) -> float | None:
     if "coverage_probability" not in root:
         return None
@@ -282,9 +221,10 @@ def _probability(root: YamlSection) -> float | None:
     return value
 
 
-def _once(names: list[str], where: str) -> None:
-    twice = sorted(name for name, number in Counter(names).items() if number > 1)[:10]
-    if twice:
+def _cad_unit_mm(root: YamlSection) -> float:
+    unit = root.text("cad_unit") if "cad_unit" in root else "mm"
+    if unit not in CAD_UNITS_MM:
         raise InputError(
-            f"{where}: expected each name once, got {', '.join(twice)} more than once."
+            f"{root.where}: expected cad_unit out of {', '.join(CAD_UNITS_MM)}, got {unit!r}."
         )
+    return CAD_UNITS_MM[unit]

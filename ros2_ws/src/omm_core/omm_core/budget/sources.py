@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.budget.anova import OneFactor
-from omm_core.budget.budget_file import Contributor, Expansion, NamedPoint
+from omm_core.budget.budget_file import Expansion, NamedPoint
+from omm_core.budget.contributor import Contributor
 from omm_core.budget.evaluation import Contribution, standard
 from omm_core.errors import InputError
 from omm_core.files.part import Part

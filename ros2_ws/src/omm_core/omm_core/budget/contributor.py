@@ -1,0 +1,103 @@
+"""The contributors that budget.yaml lists itself."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omm_core.budget.distributions import Distribution
+from omm_core.budget.spread_reading import read_spread
+from omm_core.errors import InputError
+from omm_core.files.yaml_input import YamlSection
+
+Array = NDArray[np.float64]
+
+# What a length's unit is in mm; of any other unit the sensitivity says how many mm it makes.
+LENGTHS_MM = {"m": 1e3, "mm": 1.0, "um": 1e-3, "µm": 1e-3, "μm": 1e-3, "nm": 1e-6}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Contributor:
+    """Anything else: ``sensitivity`` (3,) makes mm of it along machine X Y Z.
+
+    ``correlation`` is by name with other contributors, or with u_ip, u_it, u_out, u_machine.
+    """
+
+    name: str
+    unit: str
+    distribution: Distribution
+    sensitivity: Array
+    correlation: Mapping[str, float] = field(default_factory=dict)
+
+
+def read_contributors(root: YamlSection) -> tuple[Contributor, ...]:
+    """Read ``contributors`` of budget.yaml.
+
+    Raises
+    ------
+    InputError
+        Where one is malformed, named twice, or correlated in a way that cannot be.
+    """
+    given = root.values.get("contributors") or []
+    if not isinstance(given, list):
+        raise InputError(f"{root.where}: expected a list of contributors, got {given!r}.")
+    found = tuple(
+        _contributor(YamlSection(entry, f"{root.where}: contributors, entry {number}"))
+        for number, entry in enumerate(given, start=1)
+    )
+    names = [one.name for one in found]
+    expect_once(names, f"{root.where}: contributors")
+    for one in found:
+        for other, r in one.correlation.items():
+            if other == one.name or not -1.0 <= r <= 1.0:
+                raise InputError(
+                    f"{root.where}: expected the correlation of {one.name} as a number from -1 to 1"
+                    f" with another contributor, got {other}: {r}."
+                )
+            back = found[names.index(other)].correlation if other in names else {}
+            if back.get(one.name, r) != r:
+                raise InputError(
+                    f"{root.where}: {one.name} and {other} tell different correlations of the two."
+                )
+    return found
+
+
+def _contributor(entry: YamlSection) -> Contributor:
+    name = entry.text("name")
+    if name in ("u_ip", "u_it", "u_out", "u_machine"):
+        raise InputError(f"{entry.where}: the name {name} is taken: choose another.")
+    entry = YamlSection(entry.values, f"{entry.where} ({name})")
+    unit = entry.text("unit") if "unit" in entry else "mm"
+    sensitivity = np.ones(3)
+    if "sensitivity" in entry:
+        one = not isinstance(entry.get("sensitivity"), list)
+        sensitivity = (
+            np.full(3, entry.number("sensitivity")) if one else entry.numbers("sensitivity", 3)
+        )
+    elif unit not in LENGTHS_MM:
+        raise InputError(f"{entry.where}: a sensitivity is needed: how many mm one {unit} makes.")
+    correlation = entry.section("correlation") if "correlation" in entry else None
+    return Contributor(
+        name=name,
+        unit=unit,
+        distribution=read_spread(entry, ("name", "unit", "sensitivity", "correlation")),
+        sensitivity=sensitivity * LENGTHS_MM.get(unit, 1.0),
+        correlation=(
+            {str(other): correlation.number(other) for other in correlation.values}
+            if correlation
+            else {}
+        ),
+    )
+
+
+def expect_once(names: list[str], where: str) -> None:
+    """Refuse names that stand more than once."""
+    twice = sorted(name for name, number in Counter(names).items() if number > 1)[:10]
+    if twice:
+        raise InputError(
+            f"{where}: expected each name once, got {', '.join(twice)} more than once."
+        )
