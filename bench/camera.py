@@ -69,7 +69,7 @@ def main() -> int:
 
 
 def serve() -> int:
-    """The camera: an image that is there already, so that what is measured is not its making."""
+    """Send an image that is there already, so that what is measured is not its making."""
     image = next(m.image for m in run(draw(load_scenario("bench"), 1)) if hasattr(m, "image"))
     simulator = GigeSimulator(lambda begin_ns, exposure_ns, bits: image, WIDTH, HEIGHT)
     print("ready", flush=True)
@@ -171,7 +171,7 @@ def measure(args: argparse.Namespace, pid: int) -> dict[str, object]:
 
 
 def recorded(run: Path) -> dict[str, str]:
-    """The recorder's own account, by the numbers that publishers give their messages."""
+    """Return the recorder's own account, by the numbers that publishers give their messages."""
     with Recording(run) as recording:
         report = recording.metadata()[REPORT]
     told = {name: json.loads(text) for name, text in report.items() if name.startswith("/")}

@@ -148,7 +148,7 @@ def main() -> int:
 
 
 def start(package: str, parameters: dict[str, object]) -> "subprocess.Popen[bytes]":
-    """A node as a process."""
+    """Run a node as a process."""
     name = package.removeprefix("omm_")
     program = Path(get_package_prefix(package)) / "lib" / package / f"{name}_node"
     given = [word for key, value in parameters.items() for word in ("-p", f"{key}:={value}")]

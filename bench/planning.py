@@ -1,4 +1,4 @@
-"""Is a plan's predicted covariance what measurements by it show? And does its wish come true?
+"""Compare a plan's predicted covariance and its wish with measurements made by it.
 
     ./omm exec python bench/planning.py [RUNS]
 

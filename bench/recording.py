@@ -77,7 +77,7 @@ def images(run: Path | None) -> list[np.ndarray]:
 
 
 def serialised(pixels: list[np.ndarray]) -> tuple[list[bytes], str]:
-    """The images as ROS messages, and the definition of their type."""
+    """Return the images as ROS messages, and the definition of their type."""
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_JAZZY)
@@ -263,7 +263,7 @@ def cpu_s(pid: int) -> float:
 
 
 def publish(duration: str, rate: str, run: Path | None) -> int:
-    """The camera and the spindle in one process: images at a rate, poses at 100 Hz."""
+    """Be the camera and the spindle in one process: images at a rate, poses at 100 Hz."""
     from omm_ros import transport
 
     transport.prepare()

@@ -68,7 +68,7 @@ def frame(
     seed: int = 1,
     name: str = "metashape12",
 ) -> np.ndarray:
-    """A frame with dots of 40 px in a grid, each on its black label."""
+    """Return a frame with dots of 40 px in a grid, each on its black label."""
     rng = np.random.default_rng(seed)
     family = TargetFamily.by_name(name)
     image = clutter(shape, rng) if cluttered else np.full(shape, 20.0)

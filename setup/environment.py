@@ -29,7 +29,7 @@ def _of_another_user(home: Path, error: OSError) -> dict[str, str]:
 
 
 def set_up(home: Path) -> dict[str, str]:
-    """Bring the environment up to date and return its variables; costs milliseconds when it is."""
+    """Bring the environment up to date (milliseconds when it is); return its variables."""
     try:
         home.mkdir(parents=True, exist_ok=True)
         lock_file = open(home / "lock", "w")  # noqa: SIM115 - closed below

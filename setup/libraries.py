@@ -15,6 +15,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def make_environment(home: Path, log: Path) -> None:
+    """Make the virtual environment, after checking for what only the system can bring."""
     for tool in ("c++", "cmake"):
         if shutil.which(tool) is None:
             raise SetupError(
@@ -102,7 +103,7 @@ def missing_on_ros(python: str, listed: Path, environment: dict[str, str]) -> li
 
 
 def mend_wheels(home: Path) -> None:
-    """Point the wheels' cmake files to this Python: they name the machine they were built on."""
+    """Point the wheels' cmake files to this Python; they name their build machine's."""
     code = (
         "import sysconfig, numpy; print(sysconfig.get_path('include')); print(numpy.get_include())"
     )

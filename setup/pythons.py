@@ -14,7 +14,7 @@ LIBRARIES = os.environ.get("OMM_LIBRARIES", "omm")
 
 
 def flavour() -> str:
-    """Name of the environment: installations that must not mix lie in folders of their own."""
+    """Return the environment's name: installations that must not mix lie in separate folders."""
     version = ".".join(map(str, python_version(base_python())))
     return f"{'ros-jazzy' if ON_ROS else 'wheels'}-py{version}" + (
         "" if LIBRARIES == "omm" else f"-{LIBRARIES}"
@@ -43,6 +43,7 @@ def base_python() -> str:
 
 
 def python_version(python: str) -> tuple[int, int]:
+    """Return the version of an interpreter, (major, minor)."""
     match = re.search(r"python3\.(\d+)$", os.path.realpath(python))
     if match:
         return 3, int(match[1])

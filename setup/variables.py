@@ -69,6 +69,7 @@ def write_environment(home: Path) -> None:
 
 
 def environment_of(home: Path) -> dict[str, str]:
+    """Return the variables of an environment that is set up, upon those of this process."""
     variables = json.loads((home / "environment.json").read_text())
     variables["PATH"] = variables["PATH"].replace("@PATH@", os.environ["PATH"])
     variables["OMM_ROOT"] = str(ROOT)

@@ -26,6 +26,7 @@ def workspace_state() -> str:
 
 
 def build(home: Path, log: Path) -> None:
+    """Build the packages with colcon."""
     bases = [str(WORKSPACE)]
     if not ON_ROS:
         bases.append(str(ROOT / "ros2_ws" / "only_without_ros" / "tf2_msgs"))

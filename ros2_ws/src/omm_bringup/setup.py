@@ -1,3 +1,5 @@
+"""How colcon builds omm_bringup."""
+
 from glob import glob
 
 from setuptools import find_packages, setup

@@ -1,3 +1,5 @@
+"""How colcon builds omm_cnc_bridge."""
+
 from glob import glob
 
 from setuptools import find_packages, setup

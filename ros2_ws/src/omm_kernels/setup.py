@@ -1,3 +1,5 @@
+"""How colcon builds omm_kernels."""
+
 import os
 import subprocess
 import sys
@@ -20,13 +22,19 @@ def compile_kernels() -> None:
 
 
 class Install(install):
+    """Install, then compile the kernels."""
+
     def run(self) -> None:
+        """Run the step."""
         super().run()
         compile_kernels()
 
 
 class Develop(develop):
+    """Link the sources (colcon --symlink-install), then compile the kernels."""
+
     def run(self) -> None:
+        """Run the step."""
         super().run()
         compile_kernels()
 

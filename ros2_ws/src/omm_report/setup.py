@@ -1,3 +1,5 @@
+"""How colcon builds omm_report."""
+
 from setuptools import find_packages, setup
 
 package_name = "omm_report"

@@ -44,7 +44,7 @@ class LiveCampaign:
 
 
 def drive(campaign: LiveCampaign, console: Console, ask: Ask | None = None) -> Path:
-    """Measure all runs that are not there yet; return campaign.yaml, which names those that are.
+    """Measure the missing runs; return campaign.yaml, which names them.
 
     A campaign that was interrupted goes on where it was: a clamping begun is then clamped anew.
 

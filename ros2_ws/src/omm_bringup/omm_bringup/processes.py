@@ -116,12 +116,12 @@ def _given(spec: NodeSpec) -> list[str]:
 
 
 def _end_with_parent() -> None:
-    """Have the kernel end the node when we die without a chance to do it (kill -9)."""
+    """Have the kernel end the node when we are killed without a chance to do it (kill -9)."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def _end(nodes: Sequence[RunningNode]) -> None:
-    """End those that ask others for the end (the recorder), then the others, the last first."""
+    """End those that depend on others (the recorder) first, then the others in reverse order."""
     _end_together([node for node in nodes if node.spec.ends_first])
     _end_together([node for node in reversed(nodes) if not node.spec.ends_first])
 

@@ -156,15 +156,15 @@ class CameraDriver(Protocol):
         ...
 
     def set(self, name: str, value: float) -> float:
-        """Change `exposure_us` or `gain` while running; returns what was granted."""
+        """Change `exposure_us` or `gain` while running; return what was granted."""
         ...
 
     def health(self) -> Mapping[str, Any]:
-        """Return figures for the diagnostics: temperature, resent packets, …"""
+        """Return figures for the diagnostics: temperature, resent packets and the like."""
         ...
 
     def close(self) -> None:
-        """Stop and let go of everything, whatever state the connection is in. Never raises."""
+        """Stop and release everything, whatever the connection's state; never raise."""
         ...
 
 

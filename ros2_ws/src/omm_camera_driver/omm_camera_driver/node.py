@@ -71,7 +71,7 @@ class CameraNode(LifecycleNode):
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Let go of the camera."""
+        """Release the camera."""
         self._stop_worker()
         return super().on_deactivate(state)
 
@@ -84,12 +84,12 @@ class CameraNode(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Let go of the camera, whatever state it is in."""
+        """Release the camera, whatever state it is in."""
         self._stop_worker()
         return TransitionCallbackReturn.SUCCESS
 
     def destroy_node(self) -> None:
-        """Let go of the camera before the publishers go."""
+        """Release the camera before the publishers are destroyed."""
         self._ended.set()
         self._stop_worker()
         self._stop_listening()
@@ -118,7 +118,7 @@ class CameraNode(LifecycleNode):
         self._while_ros_runs(self._diagnostics.publish)
 
     def _while_ros_runs(self, say: Callable[[], object]) -> None:
-        """Say something, unless Ctrl-C has ended ROS beneath the worker."""
+        """Publish or log, unless Ctrl-C has ended ROS beneath the worker."""
         try:
             if self.context.ok():
                 say()

@@ -47,11 +47,14 @@ class State(str, Enum):
 class Listener(Protocol):
     """Who gets the frames and hears of what happens; called on the worker's thread."""
 
-    def on_frame(self, frame: Frame) -> None: ...
+    def on_frame(self, frame: Frame) -> None:
+        """Take an image."""
 
-    def on_connected(self, camera: Camera) -> None: ...
+    def on_connected(self, camera: Camera) -> None:
+        """Note that a camera was connected."""
 
-    def on_problem(self, problem: str) -> None: ...
+    def on_problem(self, problem: str) -> None:
+        """Note what keeps the camera from working."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,7 +124,7 @@ class CameraWorker:
         self._thread.start()
 
     def stop(self, timeout_s: float = 1.0) -> bool:
-        """End; False when the device still blocks the thread, which then ends by itself."""
+        """End the thread; return False while the device blocks it (it then ends by itself)."""
         self._stopping.set()
         self._wake.set()
         self._refuse_all("The camera is being stopped.")
@@ -208,7 +211,7 @@ class CameraWorker:
         return news
 
     def _dispose(self, driver: CameraDriver) -> None:
-        """Close on a thread of its own, so that stopping need not wait for a device's time-outs."""
+        """Close on a separate thread, so that stopping need not wait for a device's time-outs."""
         closing = threading.Thread(target=driver.close, name="camera closing", daemon=True)
         closing.start()
         while closing.is_alive() and not self._stopping.is_set():

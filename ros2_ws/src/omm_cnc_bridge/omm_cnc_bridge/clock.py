@@ -36,6 +36,7 @@ class ClockRelation:
     """Of ``drift``, s/s; grows the uncertainty outside of the window."""
 
     def ours_ns(self, control_ns: int) -> int:
+        """Return a moment of the control's clock (ns) on ours."""
         age_ns = control_ns - self.reference_ns
         return control_ns + round(self.offset_ns + self.drift * age_ns)
 
@@ -66,6 +67,7 @@ class ControlClock:
 
     @property
     def relation(self) -> ClockRelation | None:
+        """The relation of the clocks as known so far; None before the first sample."""
         return self._relation
 
     def observe(self, control_ns: int, received_ns: int) -> tuple[int, int]:
@@ -139,7 +141,7 @@ class ControlClock:
 
 
 def _lower_hull(points: list[_Point]) -> list[_Point]:
-    """Lower convex hull of points in the order of their stamps (Andrew's monotone chain)."""
+    """Return the lower convex hull of points ordered by stamp (Andrew's monotone chain)."""
     hull: list[_Point] = []
     for c, d in points:
         while len(hull) >= 2:

@@ -125,7 +125,7 @@ class TakesBlocks(Protocol):
     """A control that carries out single blocks (MDI)."""
 
     def mdi(self, text: str, timeout_s: float) -> None:
-        """Carry out one block; returns when that is done. Any thread may call this.
+        """Carry out one block; return when it is done. Any thread may call this.
 
         Raises DeviceError where the block is refused, fails or is not done in time.
         """
@@ -136,7 +136,7 @@ class TakesCorrections(Protocol):
     """A control whose measuring program can be told where the next stop shall be."""
 
     def correct(self, shift_mm: tuple[float, float, float], status: int, *, valid: bool) -> None:
-        """Set what the program reads with its next answer: a shift of X, Y, Z, and its status.
+        """Set the correction read with the next answer: a shift of X, Y, Z, and its status.
 
         Raises DeviceError where the control is not connected.
         """

@@ -37,7 +37,7 @@ def spindle_transform(stamp_ns: int, machine_T_spindle: RigidTransform) -> Trans
 def state_message(
     control: str, connection: Connection, detail: str, judged: Judgement | None, machine: Machine
 ) -> SpindleState:
-    """State of the control as of the last sample; nothing of it is current unless connected."""
+    """Return the control's state as of the last sample; it is current only while connected."""
     message = SpindleState(
         control=control,
         connection=int(connection),

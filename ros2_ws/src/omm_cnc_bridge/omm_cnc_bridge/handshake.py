@@ -86,6 +86,7 @@ class Handshake:
 
     @property
     def request(self) -> int | None:
+        """The number of the image that is being taken; None between images."""
         return self._request
 
     @property

@@ -369,5 +369,6 @@ def _make_handshake(p: Parameters, leading: Leading, acknowledged: int = 0) -> H
 
 
 def main(args: list[str] | None = None) -> int:
+    """Run the node."""
     make: Callable[[], Node] = CncBridgeNode
     return run_node(make, args, parameters=Parameters, threads=2)

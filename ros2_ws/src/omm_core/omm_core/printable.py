@@ -8,9 +8,9 @@ _STEERING = ("Cc", "Cf", "Zl", "Zp")
 
 
 def printable(text: str) -> str:
-    """Return text in which what would steer a terminal stands as an escape, such as \\x1b.
+    r"""Return a text with everything that would control a terminal escaped, as in \x1b.
 
-    Bytes of names that are no UTF-8 (surrogates) stay as they are.
+    Bytes of names that are not UTF-8 (surrogates) stay as they are.
     """
     if text.isascii() and text.isprintable():
         return text

@@ -35,10 +35,10 @@ class Actions(Protocol):
     """What commands have others do. Each raises Refused with the reason where it was not done."""
 
     async def start_program(self) -> None:
-        """Have the control start its measuring program."""
+        """Let the control start its measuring program."""
 
     async def new_clamping(self) -> None:
-        """Have the estimator forget all images."""
+        """Let the estimator forget all images."""
 
     async def work_offset(self, name: str, wanted: OffsetFact | None) -> OffsetFact:
         """Return a work offset as the control has it, after writing it where one is given."""
@@ -81,17 +81,17 @@ class Operation:
     # --- showing -------------------------------------------------------------------------------
 
     def show_with(self, show: Callable[[], None]) -> None:
-        """Show by a function from now on, whenever something changed, and twice a second."""
+        """Show through a function from now on: after every change, and twice a second."""
         self._looking_on = show
         asyncio.get_running_loop().call_later(TICK_S, self._tick, 0.0)
 
     def take(self, take: Callable[[Any], None], fact: object) -> None:
-        """Have the screen take a fact, and show what changed by it."""
+        """Pass a fact to the screen, and show what it changed."""
         take(fact)
         self.show_soon()
 
     def show_soon(self) -> None:
-        """Show what changed, together with what comes in the next moment."""
+        """Show what changed, together with what arrives in the next moment."""
         if not self._due and self.screen.changes != self._shown:
             self._due = True
             asyncio.get_running_loop().call_later(TOGETHER_S, self._show)
@@ -161,7 +161,7 @@ class Operation:
     # --- commands ------------------------------------------------------------------------------
 
     async def _carry(self, command: Command) -> Answer:
-        """Carry a command out; that it was refused is a trouble that stays in the list."""
+        """Carry out a command; a refusal stays in the list of troubles."""
         more: dict[str, Any] = {}
         try:
             said = await self._carriers[command.name](command, more)

@@ -39,11 +39,11 @@ class RosActions:
         self._recording = recording
 
     async def start_program(self) -> None:
-        """Have the control start its measuring program."""
+        """Let the control start its measuring program."""
         await _ask(self._start, Trigger.Request(), "the CNC bridge")
 
     async def new_clamping(self) -> None:
-        """Have the estimator forget all images."""
+        """Let the estimator forget all images."""
         await _ask(self._clamping, Trigger.Request(), "the estimator")
 
     async def work_offset(self, name: str, wanted: OffsetFact | None) -> OffsetFact:

@@ -31,10 +31,12 @@ class Progress:
 
     @property
     def program_finished(self) -> bool:
+        """Whether the control's program has come to its end."""
         return self.state is not None and self.state.program_state == SpindleState.PROGRAM_FINISHED
 
     @property
     def images_judged(self) -> int:
+        """How many images the estimator has judged."""
         return 0 if self.estimate is None else len(self.estimate.images)
 
     @property
@@ -78,7 +80,7 @@ class OperatorView:
         self._live.stop()
 
     def show(self) -> None:
-        """Bring what is shown up to date."""
+        """Update what is shown."""
         if self._console.is_terminal:
             self._live.update(self._panel(), refresh=True)
             return

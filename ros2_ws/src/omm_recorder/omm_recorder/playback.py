@@ -68,7 +68,7 @@ class PlaybackClock:
             self._set(max(self._anchor_ns, message_ns))
 
     def toggle_pause(self) -> None:
-        """Stop or go on."""
+        """Pause or continue."""
         self._set(self.now_ns())
         self._paused = not self._paused
 

@@ -319,7 +319,7 @@ class Recorder:
         return status.f_bavail * status.f_frsize
 
     def _tell_loss(self, text: str) -> None:
-        """Say that something is lost, at once and then not more than once a second."""
+        """Report a loss, at once and then at most once a second."""
         now_s = time.monotonic()
         if now_s - self._told_loss_s < 1.0:
             return

@@ -113,7 +113,7 @@ class ReplayNode(Node):
             self._wait_until_taken()
 
     def _wait_for(self, message: RecordedMessage, clock: PlaybackClock, keys: Keyboard) -> bool:
-        """Let the time come; False where it is to end."""
+        """Wait for the time; return False where the replay is to end."""
         shown_s = 0.0
         while not self._ended.is_set():
             wait_s = clock.wait_s(message.log_time_ns)

@@ -163,7 +163,7 @@ class McapWriter:
             self._chunk = _Chunk()
 
     def drop_pending(self) -> int:
-        """Give up the messages that wait; returns how many."""
+        """Drop the messages that wait; return how many."""
         number = sum(map(len, self._chunk.index.values()))
         self._chunk = _Chunk()
         return number

@@ -114,7 +114,7 @@ class Recording:
         start_ns: int = 0,
         end_ns: int | None = None,
     ) -> Iterator[RecordedMessage]:
-        """Give the messages in the order of their log times; equal times in the order of writing.
+        """Yield the messages in the order of their log times; equal times in the order of writing.
 
         Parameters
         ----------

@@ -39,7 +39,7 @@ class Verdict:
         return not self.problems
 
     def blame(self, problem: str) -> None:
-        """Note a problem; a long list helps nobody."""
+        """Note a problem, up to a limit: a long list helps nobody."""
         if len(self.problems) < _MAX_PROBLEMS:
             self.problems.append(problem)
 

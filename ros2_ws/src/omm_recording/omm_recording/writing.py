@@ -179,7 +179,7 @@ class RecordingWriter:
             self._writer.drop_pending()
 
     def abandon(self) -> None:
-        """Give up: nothing is left behind."""
+        """Give up and leave nothing behind."""
         self._stop()
         self._file.close()
         self.unfinished.unlink(missing_ok=True)
@@ -277,7 +277,7 @@ class RecordingWriter:
         return writer
 
     def _sync_now_and_then(self) -> None:
-        """Bring what was written to the disk, so that a power cut takes less than a second."""
+        """Sync to the disk now and then: a power cut then loses less than a second."""
         synced = 0
         while not self._stop_syncing.wait(SYNC_PERIOD_S):
             offset = self._writer.offset

@@ -111,7 +111,7 @@ class Document:
         self._picture(Image.fromarray(np.ascontiguousarray(pixels)), caption, width_mm)
 
     def attach(self, name: str, content: bytes, *, description: str, mime_type: str) -> None:
-        """Carry a file inside the document, for programs to read."""
+        """Attach a file to the document, for programs to read."""
         self._pdf.embed_file(
             bytes=content,
             basename=name,

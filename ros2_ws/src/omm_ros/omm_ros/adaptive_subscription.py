@@ -32,7 +32,7 @@ class AdaptiveSubscription:
         self._subscription = self._subscribe()
 
     def destroy(self) -> None:
-        """Hear no more."""
+        """Stop listening."""
         if self._again is not None:
             self._node.destroy_timer(self._again)
             self._again = None

@@ -26,7 +26,7 @@ class Health:
 
 
 def line_name(node: str, line: str) -> str:
-    """Name of a line: the node's full name, so that two machines' cameras are told apart."""
+    """Return a line's name: the node's full name, so that two machines' cameras are told apart."""
     return f"{node.lstrip('/')}: {line}"
 
 

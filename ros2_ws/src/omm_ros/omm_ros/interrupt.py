@@ -54,7 +54,7 @@ class Interrupts:
 
 @contextlib.contextmanager
 def told_to_end() -> Iterator[threading.Event]:
-    """Give an event that the first Ctrl-C or SIGTERM sets; a second Ctrl-C interrupts.
+    """Provide an event that the first Ctrl-C or SIGTERM sets; a second Ctrl-C interrupts.
 
     For the main thread of a program that spins by itself. It starts rclpy without rclpy's own
     signal handlers (`SignalHandlerOptions.NO`): these end ROS while it is being used.

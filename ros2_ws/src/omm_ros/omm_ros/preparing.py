@@ -13,7 +13,7 @@ _TELL_S = 5.0
 def while_preparing(
     node: Node, what: str, work: Callable[[], None], beat: Callable[[], None]
 ) -> None:
-    """Do `work` on a thread of its own, and tell that it goes on.
+    """Do `work` on a separate thread, and report that it goes on.
 
     Kernels are compiled when the workspace is built. Where they are not (another user's cache,
     another compiler), the first start compiles them: half a minute on a quiet machine.

@@ -175,7 +175,7 @@ class SimulatedCamera:
         return image
 
     def _light(self, camera_T_plane: RigidTransform, window: _Window) -> Image32:
-        """Light on a plane, on a grid that begins with the window and covers it."""
+        """Return the light on a plane, on a grid that begins with the window and covers it."""
         light = light_grid(
             self._lens, np.ascontiguousarray(camera_T_plane.rotation[:, 2]),
             camera_T_plane.translation_mm, self._distance_mm,

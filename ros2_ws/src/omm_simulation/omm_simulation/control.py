@@ -143,6 +143,7 @@ class SimulatedControl:
 
     @property
     def program(self) -> tuple[Step, ...]:
+        """The steps that the control runs."""
         return self._program
 
     def acknowledge(self, request: int, now_ns: int) -> bool:

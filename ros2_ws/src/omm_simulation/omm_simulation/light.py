@@ -11,7 +11,7 @@ _LAMPS = 6
 
 @numba.njit(cache=True, nogil=True)
 def _irradiance(x: float, y: float, z: float, normal: Floats, ring_radius_mm: float) -> float:
-    """Light of a ring of lamps in the camera's plane at a point in `camera_optical`."""
+    """Return the light of a ring of lamps in the camera's plane at a point in `camera_optical`."""
     total = 0.0
     for lamp in range(_LAMPS):
         angle = 2.0 * np.pi * lamp / _LAMPS
@@ -28,7 +28,7 @@ def light_grid(
     lens: LensNumbers, normal: Floats, point_mm: Floats, nominal_distance_mm: float,
     ring_radius_mm: float, vignetting: float, first_col: int, first_row: int, rows: int, cols: int,
 ) -> Floats:  # fmt: skip
-    """Light on a plane as the camera sees it, on a grid of every GRID_STEP_PX-th pixel.
+    """Return the light on a plane as the camera sees it, on a grid of every GRID_STEP_PX-th pixel.
 
     Relative to a surface that faces the camera at the nominal distance, on the axis; 0 where a
     ray misses the plane.
@@ -62,7 +62,7 @@ def light_grid(
 
 @numba.njit(cache=True, nogil=True)
 def light_between(grid, out) -> None:  # type: ignore[no-untyped-def]
-    """Light at each pixel from a grid of it; `out` (H, W) begins where the grid does."""
+    """Return the light at each pixel from a grid of it; `out` (H, W) begins where the grid does."""
     for row in range(out.shape[0]):
         j = row // GRID_STEP_PX
         fy = (row - j * GRID_STEP_PX) / GRID_STEP_PX

@@ -133,7 +133,7 @@ def plate_grid(lens: LensNumbers, homography: Floats, rows: int, cols: int) -> F
 def render_plate(  # type: ignore[no-untyped-def]
     grid_mm, light, coarse, fine, black_dn, mean_dn, out
 ) -> None:
-    """Grey values of the plate: both tiles (nearest pixel) times the light.
+    """Return the plate's grey values: both tiles (nearest pixel) times the light.
 
     Parameters
     ----------

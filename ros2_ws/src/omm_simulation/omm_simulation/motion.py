@@ -41,6 +41,7 @@ class Profile:
 
     @property
     def duration_s(self) -> float:
+        """How long the motion takes."""
         return float(self.knots_s[-1])
 
     @cached_property

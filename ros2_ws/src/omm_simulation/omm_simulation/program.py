@@ -18,6 +18,7 @@ class MoveTo:
 
     @property
     def text(self) -> str:
+        """The block as a control shows it."""
         x, y, z = self.position_mm
         return f"N{self.line} G0 X{x:.3f} Y{y:.3f} Z{z:.3f}"
 
@@ -31,6 +32,7 @@ class Dwell:
 
     @property
     def text(self) -> str:
+        """The block as a control shows it."""
         return f"N{self.line} G4 P{self.duration_s:g}"
 
 
@@ -44,6 +46,7 @@ class AskForImage:
 
     @property
     def text(self) -> str:
+        """The block as a control shows it."""
         return f"N{self.line} (image {self.request}, target {self.target_id})"
 
 

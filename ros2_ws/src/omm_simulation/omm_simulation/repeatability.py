@@ -70,7 +70,7 @@ class Repeatability:
 def measure_clampings(
     scenario: Scenario, clampings: int, seed: int, *, sigma_px: float | None = None
 ) -> Iterator[Clamping]:
-    """Measure one after the other.
+    """Measure clampings one after the other.
 
     Parameters
     ----------

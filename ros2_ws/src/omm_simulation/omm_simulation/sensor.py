@@ -61,7 +61,7 @@ def _expose(
 def expose(
     ideal_dn: NDArray[np.float32], imaging: Imaging, *, seed: int, bits: int
 ) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """Grey values of one exposure.
+    """Return the grey values of one exposure.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def expose(
 
 
 def quantise(ideal_dn: NDArray[np.float32], *, bits: int) -> NDArray[Any]:
-    """Grey values without noise."""
+    """Return the grey values without noise."""
     scale, top = (1.0, 255.0) if bits == 8 else (256.0, 65535.0)
     grey = np.clip(np.floor(ideal_dn * np.float32(scale) + np.float32(0.5)), 0.0, top)
     return grey.astype(np.uint8 if bits == 8 else np.uint16)

@@ -1,4 +1,4 @@
-"""./omm calibrate: camera.yaml from a calibration set; does an old one still hold?"""
+"""./omm calibrate: camera.yaml from a calibration set; does an old one still hold."""
 
 import argparse
 import json

@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Detect in all images; 1 if one could not be read."""
+    """Detect targets in all images; exit 1 if an image could not be read."""
     from rich.console import Console
     from rich.progress import track
 

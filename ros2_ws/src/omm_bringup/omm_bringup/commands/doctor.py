@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Say it; 1 when something that is needed is missing."""
+    """Print the findings; exit 1 if something required is missing."""
     findings = look()
     if args.json:
         print(json.dumps([asdict(finding) for finding in findings], indent=1))

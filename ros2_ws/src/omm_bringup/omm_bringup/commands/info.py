@@ -82,7 +82,7 @@ def _row(*cells: str) -> str:
 
 
 def _end_of(tally: "dict[str, object]") -> str:
-    """Mark where it is not known whether the last messages came; older files do not say."""
+    """Mark topics whose last messages may be missing; older files do not tell."""
     return "+?" if "missing_at_end" in tally and tally["missing_at_end"] is None else ""
 
 

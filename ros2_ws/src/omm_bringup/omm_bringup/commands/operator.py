@@ -18,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Become the node, with its parameters given as they are anywhere in ROS."""
+    """Run the node, with its parameters given as they are anywhere in ROS."""
     from omm_bringup.processes import NodeSpec, executable_of
 
     given = {"port": args.port, "part_file": args.part, "machine_file": args.machine}

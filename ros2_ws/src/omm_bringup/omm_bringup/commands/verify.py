@@ -1,4 +1,4 @@
-"""./omm verify: is a recording as it was recorded?"""
+"""./omm verify: check that a recording is as it was recorded."""
 
 import argparse
 import sys

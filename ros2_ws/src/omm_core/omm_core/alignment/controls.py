@@ -48,7 +48,7 @@ class Control:
 
 
 def linuxcnc(pose: RigidTransform, place_mm: Array, name: str, number: int) -> Words:
-    """Offset with a turn about Z; right at ``place_mm`` (part frame), the tilt is left over."""
+    """Return an offset with a turn about Z, right at ``place_mm`` (part frame); no tilt."""
     r = pose.rotation
     turn = round(math.degrees(math.atan2(r[1, 0] - r[0, 1], r[0, 0] + r[1, 1])), 9)
     turned = rotation_from_euler_xyz_rad(0.0, 0.0, math.radians(turn))
@@ -113,7 +113,7 @@ def heidenhain(pose: RigidTransform, place_mm: Array, name: str, number: int) ->
 
 
 def fanuc(pose: RigidTransform, place_mm: Array, name: str, number: int) -> Words:
-    """Offset of the place, then G68.2 with angles about Z, X', Z''."""
+    """Return the offset of the place, then G68.2 with angles about Z, X', Z''."""
     xyz = [_eight_digits(value) for value in pose.translation_mm]
     turn = [_eight_digits(value) for value in angles.zxz_deg(pose.rotation)]
     error = [_eight_digits(value) for value in angles.xyz_turned_deg(pose.rotation)]

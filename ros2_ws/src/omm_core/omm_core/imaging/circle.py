@@ -1,4 +1,4 @@
-"""The centre of the image of a circle, which is not the image of the circle's centre.
+r"""The centre of the image of a circle, which is not the image of the circle's centre.
 
 Perspective shifts the centre of the ellipse (on the paper's camera 0.1 px for an 8 mm dot at
 300 mm, off axis), and the lens bends the ellipse, which shifts it as much again. The outline is
@@ -20,7 +20,7 @@ harmonics do not mix to first order; K1 and K2 are 2 x 2 and depend on u and v o
 ``OUTLINE``
     centre of the ellipse that fits the outline best by distance, each piece of it weighted by its
     length: what a least-squares fit of an ellipse or of a blurred disc to an image measures. With
-    the normal n(t) and ds = \\|m'(t)\\| dt:
+    the normal n(t) and ds = \|m'(t)\| dt:
     ``K1 = (∫ n nᵀ ds)⁻¹ ∫ n nᵀ cos 2t ds``, K2 with sin 2t.
 
 For a dot seen face on they are the same; at 45°, 8 mm and 300 mm they differ by up to 0.003 px,

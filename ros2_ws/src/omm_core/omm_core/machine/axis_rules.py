@@ -36,7 +36,7 @@ class AxisRules:
         followers: Mapping[str, str],
         known: Mapping[str, bool],
     ) -> str:
-        """Say why no pose may be made of positions, naming the axis; empty where one may.
+        """Return why no pose may be made of positions, naming the axis; empty where one may.
 
         Parameters
         ----------

@@ -48,6 +48,7 @@ class Axis:
 
     @property
     def unit(self) -> str:
+        """The unit of the axis' position."""
         return "rad" if self.rotary else "mm"
 
 

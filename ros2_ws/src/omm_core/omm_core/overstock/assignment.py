@@ -53,7 +53,7 @@ class Assignment:
 
 
 def assign(faces: tuple[Face, ...], points: Points, pose: Pose) -> Assignment:
-    """Give each point the nearest face that looks its way."""
+    """Assign each point to the nearest face that looks its way."""
     placed, normals = points.placed(pose)
     known = np.asarray(np.isfinite(normals).all(axis=1))
     best, second = np.full(len(placed), np.inf), np.full(len(placed), np.inf)
@@ -84,7 +84,7 @@ def assign(faces: tuple[Face, ...], points: Points, pose: Pose) -> Assignment:
 
 
 def without_doubt(faces: tuple[Face, ...], given: Assignment, placed: Array) -> Assignment:
-    """Give points beyond an edge, as near to two faces, to the one whose points they go on.
+    """Assign points beyond an edge, as near to two faces, to the one whose points they continue.
 
     ``other`` stays where both would do, or where they lie far off both.
     """

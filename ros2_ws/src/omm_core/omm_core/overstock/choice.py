@@ -85,8 +85,7 @@ def _searched(problem: Problem) -> list[Settled]:
 
 
 def _as_good(found: list[Settled], survey: SurveyPoints, problem: Problem) -> list[Settled]:
-    """Return those that fit as well as the best, in an order that does not hang on chance."""
-
+    """Return those that fit as well as the best, in an order that does not depend on chance."""
     least = min(_rank(problem, s)[0] for s in found)
     few = [s for s in found if _rank(problem, s)[0] <= least + LEFT_OUT_SHARE]
     best = min(s.misfit_mm for s in few)

@@ -79,7 +79,7 @@ def _load(path: Path) -> Any:
 def _pieces(
     triangles: Array, part: NDArray[np.int64], neighbours: NDArray[np.int64], angles: Array
 ) -> list[Face]:
-    """Cut flat pieces out of a smooth part, and take what is left for what it is."""
+    """Cut flat pieces out of a smooth part, and classify what is left."""
     areas = triangle_areas(triangles)
     inside = np.isin(neighbours, part).all(axis=1)
     flat = _connected(neighbours[inside & (angles < COPLANAR_RAD)], part)

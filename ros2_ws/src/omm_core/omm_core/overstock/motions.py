@@ -45,7 +45,7 @@ def _face_rows(face: Face, placement: Placement) -> Array:
 
 
 def motion_words(motion: Array, placement: Placement) -> str:
-    """Say what a motion (translation, rotation times size about the centroid) is."""
+    """Describe a motion (translation, rotation times size about the centroid)."""
     shift, turn = motion[:3], motion[3:] / placement.size_mm
     size = float(np.linalg.norm(turn))
     if size * placement.size_mm < SMALL * max(float(np.linalg.norm(shift)), 1e-12):

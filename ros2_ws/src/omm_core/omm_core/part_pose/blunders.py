@@ -130,7 +130,7 @@ def _beyond_machines(model: NoiseModel, options: SolveOptions) -> bool:
 
 
 def _without_gross(problem: Problem, start: Found, options: SolveOptions) -> Found:
-    """Leave out what contradicts even the worst machine, by solving without it from nothing."""
+    """Leave out what contradicts even the worst machine, solving without it from nothing."""
     blurred = replace(problem, information=problem.information / _WORST_DETECTOR**2)
     worst = replace(options, stop_sigma_mm=options.worst_machine_mm)
     gross = search(blurred, worst)
@@ -147,7 +147,7 @@ def _without_gross(problem: Problem, start: Found, options: SolveOptions) -> Fou
 
 
 def _without_blunders(found: Found, problem: Problem, options: SolveOptions) -> Found:
-    """Leave out one wrong thing after the other, until nothing is suspicious."""
+    """Leave out one error after the other, until nothing is suspicious."""
     while found.posterior is not None and not found.fit.missing:
         suspects = _suspects(found.posterior, found.dropped, options)
         if not suspects:

@@ -263,8 +263,10 @@ def predict(lens, kind, A, b, dA, db, points, t, R, d0, outline, by_machine, by_
 @_compiled
 def predict_all(lens, kind, R_calib, d_calib, R_cnc, d_cnc, image_of, target_of, points, R, d0,
                 gamma_s, pixels, jacobians):  # fmt: skip
-    """Fill the predicted pixels (N, 2) and their derivatives (N, 2, 7); NaN and 0 of what the
-    camera cannot see."""
+    """Fill the predicted pixels (N, 2) and their derivatives (N, 2, 7).
+
+    What the camera cannot see has NaN and 0.
+    """
     count = points.shape[1]
     A, b, dA, db = np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty(3)
     outline, by_machine = np.empty((count, 2)), np.empty((count, 2, 3))

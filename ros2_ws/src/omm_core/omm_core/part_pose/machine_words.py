@@ -65,7 +65,7 @@ def _um(level: Level) -> str:
 
 
 def _most_helpful(shares: dict[str, Array], unknowns: int) -> list[str]:
-    """Say for what a source has most of the variance, and what to do about it."""
+    """Return what a source contributes most to, and what to do about it."""
     told = []
     for source, share in shares.items():
         much = [i for i in range(unknowns) if share[i] > _MUCH]

@@ -1,4 +1,4 @@
-"""Say what is wrong with observations: what would explain where they were seen?"""
+"""Name what is wrong with observations: what would explain where they were seen."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ def _misread(problem: Problem, index: int, best: Adjustment) -> int | None:
 
 
 def _bumped(problem: Problem, indices: Indices, best: Adjustment) -> str:
-    """Say where a target is, by least squares of the rays to it."""
+    """Describe where a target is, by least squares of the rays to it."""
     target = int(problem.target_of[indices[0]])
     X = problem.points[target, 0].copy()
     for _ in range(5):

@@ -124,7 +124,7 @@ def _known_to(sigma: float, index: int = 6) -> str:
 
 
 def _advice(problem: Problem, adjustment: Adjustment, sigma: Array, *, of_gamma_s: bool) -> str:
-    """Say which images would help: γ_s and z need targets seen from two places."""
+    """Return which images would help: γ_s and z need targets seen from two places."""
     bases = _bases(problem)
     in_file = [target.id for target in problem.part.targets]
     by_base = sorted(bases, key=lambda t: (-bases[t][1], in_file.index(problem.target_ids[t])))

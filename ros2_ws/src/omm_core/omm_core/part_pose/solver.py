@@ -210,7 +210,7 @@ def _fits_mirrored(problem: Problem, options: SolveOptions, rms_px: float) -> bo
 
 
 def _judge_determined(found: Found, options: SolveOptions) -> Found:
-    """Say what is not determined, given the noise that there is."""
+    """Name what is not determined, given the noise."""
     fit, estimated = found.fit, found.posterior
     if fit.missing or estimated is None or fit.best is None:
         return found

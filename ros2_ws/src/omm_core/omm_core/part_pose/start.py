@@ -57,8 +57,10 @@ _CUBE = cube_rotations()
 
 @njit(cache=True)
 def _quadratic(rays, R_calib, d_calib, R_cnc, d_cnc, image_of, X, gamma_s, M, m, D, d_free):
-    """Fill cost = rᵀ M r + 2 mᵀ r + c and d = D r + d_free (r = R row by row); return c, and
-    whether the rays fix a point at all."""
+    """Fill cost = rᵀ M r + 2 mᵀ r + c and d = D r + d_free (r = R row by row).
+
+    Return c, and whether the rays fix a point at all.
+    """
     A, b, dA, db = np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty(3)
     S, T, s = np.zeros((3, 3)), np.zeros((3, 9)), np.zeros(3)
     M[:, :] = 0.0

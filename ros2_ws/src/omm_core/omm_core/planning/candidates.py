@@ -128,7 +128,7 @@ def rotary_positions(scene: Scene) -> list[dict[str, float]]:
 def _covering(
     scene: Scene, ranked: list[tuple[float, dict[str, float]]], normals: Array
 ) -> list[tuple[float, dict[str, float]]]:
-    """Order positions: first the best of each target, then by what all give."""
+    """Sort positions: first the best of each target, then by what they all contribute."""
     best: dict[int, tuple[float, dict[str, float]]] = {}
     for _, rotary in ranked:
         for row, slant in enumerate(_slants(scene, rotary, normals)):

@@ -187,8 +187,10 @@ class Guide:
         return np.array([shift for _, shift in places[:most]]).reshape(-1, 3)
 
     def _layers(self, stop: int, distance: float) -> list[tuple[float, float, float]]:
-        """Return how far back (mm) to look from, what that costs in places across, and the nearest
-        distance (mm) at which targets are looked for there: what is nearer was seen from before.
+        """Return how far back (mm) to look from, its cost in places across, and the nearest (mm).
+
+        The last is the nearest distance at which targets are looked for there: what is nearer was
+        seen from the places before.
         """
         focus, look_mm = self.scene.calibration.imaging.focus_mm, self.stops[stop].look_mm
         if focus is None:

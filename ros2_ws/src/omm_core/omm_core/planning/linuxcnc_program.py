@@ -73,7 +73,7 @@ def _corrections_start(program: Program) -> list[str]:
 
 
 def _out(program: Program) -> list[str]:
-    """Go to where all stops are cleared, along the tool only, from wherever the spindle is.
+    """Move along the tool only, from anywhere, to where all stops are cleared.
 
     Where the spindle is farther out already it stays: nothing is known of what lies between.
     """
@@ -145,7 +145,7 @@ def _stop(program: Program, number: int, stop: ProgramStop, corrected: bool) -> 
 
 
 def _end_unless_seen(number: int) -> list[str]:
-    """End the program where the part was not found: nobody knows then what lies in the way."""
+    """End the program where the part was not found: nothing is then known to be clear."""
     return [
         f"O{4000 + number} IF [[#<omm_valid> EQ 0] OR [#<omm_seen> EQ 2]]",
         "(MSG,the part was not found: does the bridge have the plan_file? is the part there?)",

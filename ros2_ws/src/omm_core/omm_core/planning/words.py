@@ -78,7 +78,7 @@ def _what_is_missing(plan: Plan, pool: Pool, chosen: Indices) -> list[str]:
 
 
 def _what_helps(pool: Pool, chosen: Indices) -> str:
-    """Name the source whose going would help most, and what to do about it."""
+    """Name the source whose removal would help most, and what to do about it."""
     scores = {source: _without(pool, chosen, source) for source in _HELP}
     best = min(scores, key=lambda source: scores[source])
     enough = "would reach it" if scores[best] <= 1.0 else "would not be enough alone"
@@ -119,7 +119,7 @@ def _ends_of_the_way(plan: Plan) -> list[str]:
 
 
 def _more_images(pool: Pool, chosen: Indices) -> list[str]:
-    """Say what twice the images would buy, from the same places."""
+    """Say what twice the images would gain, from the same places."""
     U = [_worst_corner(pool.yardstick, pool, stops) for stops in (chosen, np.tile(chosen, 2))]
     gain = 1.0 - U[1] / U[0]
     if gain >= LITTLE:

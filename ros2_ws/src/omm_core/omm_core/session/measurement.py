@@ -135,7 +135,7 @@ class Measurement:
         self._add(stamp_ns, ordered)
 
     def add_refused_image(self, stamp_ns: int, reason: str) -> None:
-        """Account for an image that could not be used at all."""
+        """Record an image that could not be used at all."""
         self._add(stamp_ns, reason)
 
     def _add(self, stamp_ns: int, content: tuple[_Seen, ...] | str) -> None:

@@ -301,7 +301,7 @@ class _Fitting:
         self.shift = eccentricities(values, self.photo, self.point, normals, diameters)
 
     def _reject(self, t2: Array) -> bool:
-        """Leave out the worst ray of each photograph and of each point; True if there was one."""
+        """Reject the worst ray of each photograph and point; return whether there was one."""
         scale = max(float(np.median(t2[self.used])) / 1.386, 1.0)  # median of chi-square of two
         bad = np.flatnonzero(self.used & (t2 > self.rejection * scale))
         taken: set[tuple[str, int]] = set()

@@ -48,7 +48,7 @@ def start_network(rays: Rays, pixel: float) -> tuple[dict[int, Array], dict[int,
 def _extend(
     rays: Rays, photos: dict[int, Array], points: dict[int, Array], pixel: float, fewest: int
 ) -> None:
-    """Place what photographs and points can be placed, in place."""
+    """Locate whatever photographs and points can be located, in place."""
     while _resect_next(rays, photos, points, pixel, fewest):
         intersect_points(rays, photos, points, pixel, _FIRST_ANGLE_RAD)
 
@@ -56,7 +56,7 @@ def _extend(
 def resect_photos(
     rays: Rays, photos: dict[int, Array], points: dict[int, Array], pixel: float
 ) -> None:
-    """Place the photographs that see enough of the points, in place."""
+    """Locate the photographs that see enough of the points, in place."""
     while _resect_next(rays, photos, points, pixel, FEWEST_TO_RESECT):
         pass
 
@@ -107,7 +107,7 @@ def _unit(vectors: Array) -> Array:
 def _resect_next(
     rays: Rays, photos: dict[int, Array], points: dict[int, Array], pixel: float, fewest: int
 ) -> bool:
-    """Place the photograph that sees most of the known points; False when none is left."""
+    """Locate the photograph that sees most of the known points; False when none is left."""
     import cv2
 
     left = [(len(set(rays[i]) & set(points)), i) for i in rays if i not in photos]
@@ -157,7 +157,7 @@ def intersect_points(
     pixel: float,
     angle_rad: float,
 ) -> None:
-    """Place every point that two placed photographs see at ``angle_rad``, in place."""
+    """Locate every point that two located photographs see at ``angle_rad``, in place."""
     for point in sorted({p for i in photos for p in rays[i]}):
         seen = [i for i in photos if point in rays[i]]
         if len(seen) < 2:

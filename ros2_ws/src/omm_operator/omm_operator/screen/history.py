@@ -37,7 +37,7 @@ class History:
         self._entries = [*(self._entries[:-1] if same else self._entries), entry][-LARGEST:]
 
     def correct(self, mode: str, jacks: Sequence[dict[str, Any]]) -> bool:
-        """Note that jacks were turned after the newest result; False where there is none."""
+        """Note that jacks were turned after the newest result; return False without a result."""
         if not self._entries:
             return False
         last = self._entries[-1]

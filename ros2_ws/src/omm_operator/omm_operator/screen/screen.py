@@ -239,7 +239,7 @@ class Screen:
     # --- what commands change ------------------------------------------------------------------
 
     def corrected(self, mode: str) -> list[dict[str, Any]]:
-        """Note that the jacks were turned as they are shown in a mode; return how."""
+        """Note that the jacks were turned as a mode shows them; return by how much."""
         estimate = self.kept.estimate
         assert estimate is not None  # `refusals` has looked
         found = corrections_in_all_modes(estimate, self.kept.part, self.kept.jacks, self.kept.up)

@@ -80,12 +80,12 @@ class Guarded(tornado.web.RequestHandler):
             raise tornado.web.HTTPError(401)
 
     def write_error(self, status_code: int, **more: Any) -> None:
-        """Say the status and nothing of the inside."""
+        """Write the status, and nothing about the server's inside."""
         self.set_header("Content-Type", "text/plain; charset=utf-8")
         self.finish(f"{status_code} {self._reason}\n")
 
     def begin_session(self, secret: str) -> None:
-        """Give the browser its session, and the token for its requests."""
+        """Give the browser its session and the token for its requests."""
         secure = self.request.protocol == "https"
         self.set_cookie(COOKIE, secret, httponly=True, samesite="Strict", secure=secure, path="/")
         self.xsrf_token  # noqa: B018  sets its cookie

@@ -95,7 +95,7 @@ class ServerThread:
         self._ready.wait()
 
     def call(self, function: Callable[..., object], *arguments: object) -> None:
-        """Have a function called in the server's thread; nothing happens once it has ended."""
+        """Call a function in the server's thread; do nothing once that has ended."""
         if not self._loop.is_closed():
             try:
                 self._loop.call_soon_threadsafe(function, *arguments)

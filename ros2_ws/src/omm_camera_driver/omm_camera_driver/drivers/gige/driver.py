@@ -104,11 +104,11 @@ class GigeDriver:
         )
 
     def start(self) -> None:
-        """Let the camera send."""
+        """Let the camera start sending."""
         self._arv.camera_start_acquisition(self._camera)
 
     def flush(self) -> None:
-        """Give back every buffer that was filled so far."""
+        """Return every filled buffer to the driver's queue."""
         self._release()
         while buffer := self._arv.stream_try_pop_buffer(self._stream):
             self._count(buffer)
@@ -188,7 +188,7 @@ class GigeDriver:
         }
 
     def close(self) -> None:
-        """Stop, and give everything back; blocks for seconds when the camera is gone."""
+        """Stop and release everything; this blocks for seconds when the camera is gone."""
         if self._camera is None:
             return
         try:

@@ -158,7 +158,7 @@ class GigeSimulator:
         target[:] = data[:count]
 
     def _keep_clock(self) -> None:
-        """Latch the clock when that is asked for; Aravis' camera only stores the command."""
+        """Latch the clock when asked to; Aravis' camera only stores the command."""
         write = self._arv.fake_camera_write_register
         while not self._closing.wait(_CLOCK_TICK_S):
             if self.register(_TIMESTAMP_CONTROL) & 2:

@@ -36,7 +36,7 @@ class CellView:
         self._camera.image(self._first_stop, frame=0)
 
     def place_part(self, machine_T_part: RigidTransform | None) -> None:
-        """Have the part stand elsewhere from now on; None: where it stands."""
+        """Move the part from now on; None: back to where it stands."""
         if machine_T_part is not None and machine_T_part is not self._cell.machine_T_part:
             self._cell = replace(self._cell, machine_T_part=machine_T_part)
             self._camera = SimulatedCamera(self._cell)

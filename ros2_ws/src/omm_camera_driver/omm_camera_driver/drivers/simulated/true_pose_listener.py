@@ -51,7 +51,7 @@ class TruePoseListener:
         self._thread.start()
 
     def close(self) -> None:
-        """Hear no more."""
+        """Stop listening."""
         self._executor.shutdown(timeout_sec=_END_S)
         self._thread.join(_END_S)
         self._node.destroy_node()

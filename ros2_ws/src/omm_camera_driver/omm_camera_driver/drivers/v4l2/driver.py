@@ -82,7 +82,7 @@ class V4l2Driver:
         videodev.call(self._fd, videodev.STREAMON, c_int(videodev.CAPTURE))
 
     def flush(self) -> None:
-        """Give back every buffer that was filled so far."""
+        """Return every filled buffer to the driver's queue."""
         while self._readable(0.0):
             self._queue(self._dequeue().index)
 

@@ -36,6 +36,8 @@ def letters(pixel_format: int) -> str:
 
 
 class Capability(ctypes.Structure):
+    """What a device is and can do (v4l2_capability)."""
+
     _fields_ = [
         ("driver", c_char * 16), ("card", c_char * 32), ("bus_info", c_char * 32),
         ("version", c_uint32), ("capabilities", c_uint32), ("device_caps", c_uint32),
@@ -44,6 +46,8 @@ class Capability(ctypes.Structure):
 
 
 class FormatDescription(ctypes.Structure):
+    """One pixel format that a device offers (v4l2_fmtdesc)."""
+
     _fields_ = [
         ("index", c_uint32), ("type", c_uint32), ("flags", c_uint32), ("description", c_char * 32),
         ("pixelformat", c_uint32), ("mbus_code", c_uint32), ("reserved", c_uint32 * 3),
@@ -51,6 +55,8 @@ class FormatDescription(ctypes.Structure):
 
 
 class PixelFormat(ctypes.Structure):
+    """Size and layout of an image (v4l2_pix_format)."""
+
     _fields_ = [
         ("width", c_uint32), ("height", c_uint32), ("pixelformat", c_uint32), ("field", c_uint32),
         ("bytesperline", c_uint32), ("sizeimage", c_uint32), ("colorspace", c_uint32),
@@ -65,10 +71,14 @@ class _FormatUnion(ctypes.Union):
 
 
 class Format(ctypes.Structure):
+    """The format of a kind of buffer (v4l2_format)."""
+
     _fields_ = [("type", c_uint32), ("fmt", _FormatUnion)]
 
 
 class Fraction(ctypes.Structure):
+    """A time per frame, in s (v4l2_fract)."""
+
     _fields_ = [("numerator", c_uint32), ("denominator", c_uint32)]
 
 
@@ -84,10 +94,14 @@ class _ParametersUnion(ctypes.Union):
 
 
 class StreamParameters(ctypes.Structure):
+    """The frame rate of a stream (v4l2_streamparm)."""
+
     _fields_ = [("type", c_uint32), ("parm", _ParametersUnion)]
 
 
 class RequestBuffers(ctypes.Structure):
+    """How many buffers a driver is to keep (v4l2_requestbuffers)."""
+
     _fields_ = [
         ("count", c_uint32), ("type", c_uint32), ("memory", c_uint32), ("capabilities", c_uint32),
         ("flags", c_uint8), ("reserved", c_uint8 * 3),
@@ -110,6 +124,8 @@ class _Memory(ctypes.Union):
 
 
 class Buffer(ctypes.Structure):
+    """One buffer and what is in it (v4l2_buffer)."""
+
     _fields_ = [
         ("index", c_uint32), ("type", c_uint32), ("bytesused", c_uint32), ("flags", c_uint32),
         ("field", c_uint32), ("timestamp", _TimeValue), ("timecode", _TimeCode),
@@ -124,10 +140,14 @@ class Buffer(ctypes.Structure):
 
 
 class Control(ctypes.Structure):
+    """The value of a control (v4l2_control)."""
+
     _fields_ = [("id", c_uint32), ("value", c_int32)]
 
 
 class ControlDescription(ctypes.Structure):
+    """Name, range and type of a control (v4l2_queryctrl)."""
+
     _fields_ = [
         ("id", c_uint32), ("type", c_uint32), ("name", c_char * 32), ("minimum", c_int32),
         ("maximum", c_int32), ("step", c_int32), ("default_value", c_int32), ("flags", c_uint32),
@@ -163,7 +183,7 @@ _NAMES = {value: name for name, value in globals().items() if name.isupper()}
 
 
 def call(fd: int, request: int, argument: Any) -> Any:
-    """Carry out a request; the argument is filled in and returned.
+    """Carry out a request; fill in the argument and return it.
 
     Raises
     ------

@@ -259,6 +259,7 @@ class DemoLinuxCnc(SimulatedLinuxCnc):
         self._cell: LinuxCncCell | None = None
 
     def connect(self) -> None:
+        """Start LinuxCNC with its simulated drives, and connect to it."""
         self.close()
         remove_stale_folders()
         folder = Path(tempfile.mkdtemp(prefix=f"{_FOLDER_PREFIX}{os.getpid()}_"))
@@ -276,6 +277,7 @@ class DemoLinuxCnc(SimulatedLinuxCnc):
         return self._cell.folder
 
     def close(self) -> None:
+        """Disconnect, and end the LinuxCNC that was started."""
         super().close()
         cell, self._cell = self._cell, None
         if cell is not None:

@@ -109,6 +109,7 @@ class LinuxCncControl:
             self.read(0.1)
 
     def read(self, timeout_s: float) -> Sequence[ControlSample]:
+        """Return the samples that the reader has sent, oldest first."""
         samples: list[ControlSample] = []
         for line in self._lines(timeout_s):
             try:
@@ -145,6 +146,7 @@ class LinuxCncControl:
         )
 
     def start_program(self) -> None:
+        """Run the program that LinuxCNC was started with."""
         self._ask(ANSWER_TIMEOUT_S, do="run", text=self._program_file)
 
     def mdi(self, text: str, timeout_s: float = ANSWER_TIMEOUT_S) -> None:
@@ -185,6 +187,7 @@ class LinuxCncControl:
         return float(self._hello["linear_units_per_mm"])
 
     def close(self) -> None:
+        """End the reader; LinuxCNC goes on."""
         self._end_reader()
 
     # --- the child -----------------------------------------------------------------------------
@@ -333,6 +336,7 @@ class SimulatedLinuxCnc(LinuxCncControl):
         self._truth: list[TruePose] = []
 
     def read(self, timeout_s: float) -> Sequence[ControlSample]:
+        """Return the samples that the reader has sent, oldest first."""
         kept = []
         for sample in super().read(timeout_s):
             self._count += 1
@@ -354,7 +358,7 @@ class SimulatedLinuxCnc(LinuxCncControl):
 def joint_axes(
     given: Sequence[str], letters: str, joints: int
 ) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Name of each joint's axis, and which of them are further drives of another.
+    """Return the name of each joint's axis, and which of them are further drives of another.
 
     A gantry has two joints of one letter (coordinates=XYYZ). The second becomes Y2 and follows Y,
     whether the letters or the parameter linuxcnc_joints say so.

@@ -186,6 +186,7 @@ class Sampler:
             tell(samples=rows)
 
     def check(self, now: float) -> None:
+        """Raise Lost where HAL's sampler has been silent for too long."""
         if now - self._heard > STALL_S:
             raise Lost("HAL's sampler was not read for 2 s")
 
@@ -237,6 +238,7 @@ class Reader:
         self._image: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def run(self) -> None:
+        """Read and report until LinuxCNC or the bridge ends."""
         self._hello()
         inputs = [0] + ([self._sampler.fd] if self._sampler else [])
         period = STATUS_PERIOD_S if self._sampler else 1.0 / self._rate_hz
@@ -258,6 +260,7 @@ class Reader:
                 self._sampler.check(now)
 
     def close(self) -> None:
+        """End HAL's sampler."""
         if self._sampler is not None:
             self._sampler.close()
 
@@ -360,7 +363,7 @@ class Reader:
         return ""
 
     def _obey(self, command: dict[str, Any]) -> str | None:
-        """Carry out one command; returns what went wrong, nothing, or None: answered later."""
+        """Carry out one command; return what went wrong, an empty text, or None: answered later."""
         if command["do"] == "acknowledge":
             done = self._halcmd("sets", SIGNAL_TAKEN, "TRUE")
             return "" if done is not None else f"HAL has no signal {SIGNAL_TAKEN}: see *_omm.hal"
@@ -416,6 +419,7 @@ class Reader:
 
 
 def main() -> None:
+    """Read LinuxCNC and write lines of JSON for the bridge."""
     parser = argparse.ArgumentParser(description="Reads LinuxCNC for omm's CNC bridge.")
     parser.add_argument("--rate-hz", type=float, default=100.0)
     parser.add_argument("--poll", action="store_true", help="poll although HAL has a sampler")

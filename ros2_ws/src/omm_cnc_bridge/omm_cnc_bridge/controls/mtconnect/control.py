@@ -77,6 +77,7 @@ class MtConnectControl:
         self._next = 0
 
     def connect(self) -> None:
+        """Read what the agent describes, and start its stream."""
         self.close()
         self.clock = ControlClock()
         try:
@@ -86,6 +87,7 @@ class MtConnectControl:
             raise DeviceError(f"MTConnect agent {self._url.geturl()}: {error}.") from error
 
     def read(self, timeout_s: float) -> Sequence[ControlSample]:
+        """Return the samples in what the agent has sent, oldest first."""
         if self._parts is None:
             raise DeviceError("MTConnect: not connected.")
         parts = self._parts.read(timeout_s)
@@ -95,9 +97,11 @@ class MtConnectControl:
         return samples
 
     def acknowledge(self, request: int) -> None:
+        """Refuse: MTConnect can only be read."""
         raise DeviceError(f"MTConnect cannot answer (image {request}): agents only tell.")
 
     def close(self) -> None:
+        """Close the connection, which ends the reading thread."""
         self._parts = None
         connection, self._connection = self._connection, None
         if connection is not None:

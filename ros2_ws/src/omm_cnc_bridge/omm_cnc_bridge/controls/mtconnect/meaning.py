@@ -56,7 +56,7 @@ class Unfit(Exception):
 
 
 def coordinate_systems(device: ET.Element) -> dict[str, str]:
-    """Type of each coordinate system that the device defines (2.x), by its id."""
+    """Return the type of each coordinate system that the device defines (2.x), by its id."""
     return {
         e.get("id", ""): e.get("type", "") for e in device.iter() if tag(e) == "CoordinateSystem"
     }
@@ -110,7 +110,7 @@ def data_items(component: ET.Element) -> Iterator[ET.Element]:
 
 
 def tag(element: ET.Element) -> str:
-    """Name of an element without its namespace, which differs with every version."""
+    """Return an element's name without its namespace, which differs with every version."""
     return str(element.tag).rpartition("}")[2]
 
 

@@ -53,6 +53,7 @@ class OpcUaControl:
         return self._session.revised_interval_s if self._session else None
 
     def connect(self) -> None:
+        """Connect to the server and subscribe, in a thread of its own."""
         self.close()
         self.clock = ControlClock()
         self._samples = queue.Queue()
@@ -78,6 +79,7 @@ class OpcUaControl:
             raise DeviceError(f"OPC UA server {self._url}: {text}.") from error
 
     def read(self, timeout_s: float) -> Sequence[ControlSample]:
+        """Return the samples that have come, oldest first; wait for the first of them."""
         try:
             first = self._samples.get(timeout=timeout_s)
         except queue.Empty:
@@ -97,6 +99,7 @@ class OpcUaControl:
         return [item for item in items if isinstance(item, ControlSample)]
 
     def acknowledge(self, request: int) -> None:
+        """Write the number of an image into the node of the acknowledgement."""
         session = self._session
         if session is None or not self._mapping.acknowledge:
             raise DeviceError("OPC UA: the mapping names no node to acknowledge images with.")
@@ -131,6 +134,7 @@ class OpcUaControl:
             raise DeviceError(f"OPC UA: {name}: {text}.") from error
 
     def close(self) -> None:
+        """Disconnect and end the thread."""
         loop, self._loop = self._loop, None
         if loop is None:
             return

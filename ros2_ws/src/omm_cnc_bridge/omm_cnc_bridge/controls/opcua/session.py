@@ -122,10 +122,12 @@ class Session:
         await self._subscribe(nodes)
 
     async def close(self) -> None:
+        """Disconnect, without reporting that as a loss."""
         self._client.connection_lost_callback = None
         await self._client.disconnect()
 
     async def acknowledge(self, request: int) -> None:
+        """Write the number of an image, in the type that the node has."""
         assert self._acknowledge is not None
         variant = await self._acknowledge.read_data_type_as_variant_type()
         await self._acknowledge.write_value(ua.DataValue(ua.Variant(request, variant)))
@@ -319,6 +321,7 @@ class Session:
             self._gathered.append((_ns(stamp), self._keys[node.nodeid], item))
 
     def status_change_notification(self, status: Any) -> None:
+        """Report that the server ends the subscription (called by asyncua)."""
         self._put(DeviceError(f"OPC UA: the server ends the subscription ({status.Status})."))
 
     def _make_samples(self) -> None:
@@ -501,7 +504,7 @@ async def _child(node: Node, name: str) -> Node | None:
 def _without_unitless(
     name: str, units: dict[str, str | None], nodes: dict[_Key, Node]
 ) -> dict[str, str | None]:
-    """Leave out a position that a server has by its type only, without a unit, beside another."""
+    """Leave out positions that exist by type only: without a unit, beside another."""
     kept = {item: unit for item, unit in units.items() if unit is not None}
     for item in units.keys() - kept.keys():
         for key in (item, _COMMANDED[item]):

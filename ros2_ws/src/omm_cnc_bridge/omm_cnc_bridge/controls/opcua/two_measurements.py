@@ -58,7 +58,7 @@ class TwoMeasurements:
         self._direct, self._indirect = _Seen(), _Seen()
 
     def choose(self, direct: Reading, indirect: Reading) -> Choice:
-        """Believe the direct one where it is alive and agrees; neither where they contradict."""
+        """Choose the direct one where it is alive and agrees; neither where they contradict."""
         self._direct.add(direct.actual)
         self._indirect.add(indirect.actual)
         if direct.actual is None and indirect.actual is None:

@@ -63,6 +63,7 @@ class SimulatedCellControl:
             )
 
     def read(self, timeout_s: float) -> Sequence[ControlSample]:
+        """Return the sample of the next tick, once that has come."""
         del timeout_s  # the next sample is never further away than that
         while True:
             self._tick += 1
@@ -84,6 +85,7 @@ class SimulatedCellControl:
         return truth
 
     def acknowledge(self, request: int) -> None:
+        """Tell the simulated program that its image is in."""
         with self._lock:
             taken = self._control.acknowledge(request, time.monotonic_ns())
         if not taken:

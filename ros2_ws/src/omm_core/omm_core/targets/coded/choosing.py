@@ -40,7 +40,7 @@ class Proposal:
     bits: int
 
     def why(self) -> str:
-        """Say it in words."""
+        """Return the reason in words."""
         degrees = 360.0 * self.arc / self.bits
         return (
             f"at least {self.distance} of {self.bits} sectors must be misread, or {self.arc} in a "

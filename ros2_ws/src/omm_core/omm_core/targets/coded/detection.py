@@ -142,7 +142,7 @@ def _search(image: Image, family: TargetFamily, options: DetectionOptions) -> ND
 
 
 def _saturation(image: Image, options: DetectionOptions, readings: list[Reading]) -> float:
-    """Grey value from which on pixels are saturated."""
+    """Return the grey value from which pixels are saturated."""
     if options.saturation_dn is not None:
         return options.saturation_dn
     if image.dtype == np.uint8:

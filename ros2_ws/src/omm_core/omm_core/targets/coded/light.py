@@ -61,7 +61,7 @@ def light_around(
     saturation: float,
     mixed: Mixed = MIXED,
 ) -> Light | None:
-    """Light around the dot, or None where too little of the ring can be used.
+    """Return the light around the dot, or None where too little of the ring can be used.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def light_around(
 
 
 def _half_clipped(taken: Floats, lost: NDArray[np.bool_]) -> Light:
-    """Light where set or clear is clipped: of the other the plane, from pixels far from edges."""
+    """Return the light where set or clear is clipped: the other's plane, far from edges."""
     levels, variances, pixels = np.zeros(2), np.full(2, 1.0 / 12.0), np.zeros(2)
     slopes, normal = np.zeros(4), np.eye(8)
     for kind in np.flatnonzero(~lost):

@@ -83,8 +83,10 @@ def _add_prior(prior, mean, p, normal, right):
 
 @numba.njit(cache=True, error_model="numpy")
 def _solve(normal, right, damping, scaled, scale, inverse, step):
-    """Fill step, and the inverse of the normal matrix scaled to a diagonal of 1 + damping; False
-    where it has none."""
+    """Fill the step and the scaled normal matrix' inverse; return False where there is none.
+
+    The matrix is scaled to a diagonal of 1 + damping.
+    """
     n = len(right)
     for j in range(n):
         if not normal[j, j] > 0.0:
@@ -114,7 +116,7 @@ def _centre_covariance(inverse, scale, covariance):
 
 @numba.njit(cache=True, error_model="numpy")
 def _bold(p, step, move):
-    """Share of a step that is not too bold for a model as curved as this."""
+    """Return the share of a step that the model's curvature allows."""
     factor = 1.0
     if move > 1.0:
         factor = 1.0 / move

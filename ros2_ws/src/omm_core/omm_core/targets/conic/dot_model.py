@@ -52,7 +52,7 @@ def _phi_and_slope(z):
 
 @numba.njit(cache=True)
 def _ring_share(u, v, rho, length, inner, s, bits, phase):
-    """Share of the ring in a pixel inside of its inner edge (u, v in dot radii)."""
+    """Return the ring's share of a pixel inside its inner edge (u, v in dot radii)."""
     n = len(bits)
     pitch = 2.0 * math.pi / n
     turn = (math.atan2(v, u) - phase) / pitch

@@ -170,8 +170,10 @@ def dot_outline(image, candidate):
 
 @numba.njit(cache=True, error_model="numpy")
 def _conic(points, count, conic):
-    """Fill (a, b, c, d, e): least squares a u² + 2 b u v + c v² + d u + e v = 1 through points near
-    the unit circle; False where they do not fix it."""
+    """Fill (a, b, c, d, e) of a u² + 2 b u v + c v² + d u + e v = 1, by least squares.
+
+    The points lie near the unit circle. Return False where they do not fix the conic.
+    """
     normal = np.zeros((5, 5))
     right = np.zeros(5)
     g = np.empty(5)
