@@ -15,6 +15,7 @@ setup(
         ("share/" + package_name, ["package.xml"]),
         ("share/" + package_name + "/launch", sorted(glob("launch/*.py"))),
         ("share/" + package_name + "/config", sorted(glob("config/*.yaml"))),
+        ("share/" + package_name + "/systemd", sorted(glob("systemd/*.service"))),
     ],
     install_requires=["setuptools"],
     extras_require={"test": ["pytest"]},

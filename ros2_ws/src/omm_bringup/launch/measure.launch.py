@@ -4,15 +4,12 @@ ros2 launch omm_bringup measure.launch.py camera:=gige control:=linuxcnc \
     part_file:=part.yaml calibration_file:=camera.yaml machine_file:=mill.urdf
 """
 
-from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
-from launch.event_handlers import OnProcessExit
-from launch.events import Shutdown
-from launch.substitutions import LaunchConfiguration
-from launch_ros.actions import Node
+from launch.actions import OpaqueFunction
 
 from launch import LaunchDescription
-from omm_bringup.launch_arguments import check_names
-from omm_bringup.station import CAMERAS, CONTROLS, station
+from omm_bringup.launch_arguments import check_switch
+from omm_bringup.launching import chosen, declared, missed, started
+from omm_bringup.station import CAMERAS, CONTROLS, page, station
 
 ARGUMENTS = {
     "camera": ("gige", f"{', '.join(CAMERAS)}, or a parameter file of your own"),
@@ -22,41 +19,27 @@ ARGUMENTS = {
     "machine_file": ("", "URDF of the machine, or a machine.yaml that names it"),
     "folder": ("", "where to record; empty: a new folder in runs/"),
     "record": ("true", "whether to record: true or false"),
+    "page": ("", "port of the operator's page, or a parameter file for it; empty: no page"),
     "namespace": ("", "of this machine, where one computer serves several: /mill1"),
 }
 
 
 def generate_launch_description() -> LaunchDescription:
     """Declare the arguments; the nodes follow when these are known."""
-    return LaunchDescription(
-        [
-            *(
-                DeclareLaunchArgument(name, default_value=default, description=description)
-                for name, (default, description) in ARGUMENTS.items()
-            ),
-            OpaqueFunction(function=_nodes),
-        ]
-    )
+    return LaunchDescription([*declared(ARGUMENTS), OpaqueFunction(function=_nodes)])
 
 
 def _nodes(context):  # type: ignore[no-untyped-def]
-    check_names(ARGUMENTS, context.launch_configurations)
-    chosen = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
-    record = chosen.pop("record").lower() in ("true", "1", "yes")
+    given = chosen(context, ARGUMENTS)
+    record = check_switch("record", given.pop("record"))
+    where = given.pop("page")
     actions = []
-    for spec in station(record=record, **chosen):
-        files = [str(spec.parameter_file)] if spec.parameter_file else []
-        node = Node(
-            package=spec.package,
-            executable=spec.executable,
-            name=spec.name,
-            namespace=spec.namespace or None,
-            parameters=[*files, dict(spec.parameters)],
-            output="screen",
-        )
+    for spec in station(record=record, **given):
+        node = started(spec)
         # A measurement without one of its stations is none: say so, and end the others.
-        ended = OnProcessExit(
-            target_action=node, on_exit=[EmitEvent(event=Shutdown(reason=f"{spec.name} has ended"))]
-        )
-        actions += [node, RegisterEventHandler(ended)]
+        actions += [node, missed(node, spec.name)]
+    if where:
+        spec = page(where, machine_file=given["machine_file"], namespace=given["namespace"])
+        # No measurement is lost with the page: it is started anew.
+        actions.append(started(spec, respawn=True, respawn_delay=2.0))
     return actions

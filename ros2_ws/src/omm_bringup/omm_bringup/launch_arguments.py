@@ -37,3 +37,28 @@ def check_choice(name: str, given: str, choices: Iterable[str]) -> None:
     if given not in choices:
         there = ", ".join(choices)
         raise InputError(f"Launch argument {name}: expected one of {there}; got {given!r}.")
+
+
+def check_whole_number(name: str, given: str) -> int:
+    """Return the number that an argument gives.
+
+    Raises
+    ------
+    InputError
+        It is none, or negative.
+    """
+    if not (given.isascii() and given.isdigit()):
+        raise InputError(f"Launch argument {name}: expected a whole number, got {given!r}.")
+    return int(given)
+
+
+def check_switch(name: str, given: str) -> bool:
+    """Return whether an argument says yes.
+
+    Raises
+    ------
+    InputError
+        It says neither yes nor no.
+    """
+    check_choice(name, given.lower(), ("true", "false"))
+    return given.lower() == "true"

@@ -10,6 +10,10 @@ from omm_core.errors import InputError
 CAMERAS = ("gige", "v4l2", "simulated")
 CONTROLS = ("linuxcnc", "opcua", "mtconnect", "simulated")
 
+# launch asks a process to end (SIGINT), asks again (SIGTERM) and kills it, by default 10 s later. A
+# recorder may have gigabytes waiting for a slow disk then. omm@.service waits longer than both.
+RECORDER_PATIENCE_S = {"sigterm_timeout": 120, "sigkill_timeout": 30}
+
 
 def station(
     *,
@@ -51,6 +55,7 @@ def station(
         name="recorder",
         namespace=namespace,
         parameters={**files, **({"folder": folder} if folder else {})},
+        ends_first=True,
     )
     return (
         *((recorder,) if record else ()),
@@ -80,6 +85,32 @@ def station(
     )
 
 
+def page(where: str, *, machine_file: str = "", namespace: str = "") -> NodeSpec:
+    """Make the operator's page beside a station; which part it is, the estimator tells.
+
+    Parameters
+    ----------
+    where : the page's port, or a parameter file for the node ``operator``
+
+    Raises
+    ------
+    InputError
+        It is neither.
+    """
+    of_port = where.isascii() and where.isdigit()
+    parameters: dict[str, str | int] = {"port": int(where)} if of_port else {}
+    if machine_file:
+        parameters["machine_file"] = str(Path(machine_file).resolve())
+    return NodeSpec(
+        package="omm_operator",
+        executable="operator_node",
+        name="operator",
+        namespace=namespace,
+        parameters=parameters,
+        parameter_file=None if of_port else _own_file("page", where, "a port"),
+    )
+
+
 def parameter_file(kind: str, chosen: str, known: tuple[str, ...]) -> Path:
     """Return the file behind `camera:=gige`: one of ours, or the user's own.
 
@@ -91,8 +122,10 @@ def parameter_file(kind: str, chosen: str, known: tuple[str, ...]) -> Path:
     if chosen in known:
         share = Path(get_package_share_directory("omm_bringup"))
         return share / "config" / f"{kind}_{chosen}.yaml"
+    return _own_file(kind, chosen, f"one of {', '.join(known)},")
+
+
+def _own_file(kind: str, chosen: str, instead: str) -> Path:
     if Path(chosen).is_file():
         return Path(chosen).resolve()
-    raise InputError(
-        f"{kind}: expected one of {', '.join(known)}, or a parameter file; got {chosen!r}."
-    )
+    raise InputError(f"{kind}: expected {instead} or a parameter file; got {chosen!r}.")

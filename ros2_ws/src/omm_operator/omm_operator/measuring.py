@@ -19,6 +19,7 @@ from omm_operator.view import OperatorView
 from omm_ros import node_help, topics, transport
 from omm_ros.diagnostics import line_name
 from omm_ros.interrupt import told_to_end
+from omm_ros.node_main import end_with_parent
 
 _READY_S = 30.0
 _SILENT_S = 60.0
@@ -82,14 +83,16 @@ def measure_alone(
     arguments: list[str] | None = None,
     *,
     by_hand: bool = False,
+    for_good: bool = False,
 ) -> PartEstimate:
     """Run `measure` in a process without other nodes.
 
-    It raises KeyboardInterrupt at Ctrl-C.
+    It raises KeyboardInterrupt at Ctrl-C. With `for_good` the process ends afterwards: no further
+    Ctrl-C interrupts that.
     """
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     try:
-        with told_to_end() as ended:
+        with told_to_end(for_good=for_good) as ended:
 
             def check() -> None:
                 if ended.is_set():
@@ -156,10 +159,11 @@ def main(args: list[str] | None = None) -> int:
     if node_help.asked(args):
         print(node_help.help_text(measure.__doc__ or "", NoParameters), end="")
         return 0
+    end_with_parent()
     transport.prepare(args)
     console = Console()
     try:
-        estimate = measure_alone(console, lambda: None, args)
+        estimate = measure_alone(console, lambda: None, args, for_good=True)
         console.print(estimate_table(estimate))
     except MeasurementError as error:
         console.print(f"omm: {error}", style="red")

@@ -280,7 +280,7 @@ def replay(overrides: list[Parameter] | None = None, arguments: list[str] | None
     spinning = None
     executor = SingleThreadedExecutor()
     try:
-        with told_to_end() as ended:
+        with told_to_end(for_good=True) as ended:
             node = ReplayNode(overrides, ended)
             executor.add_node(node)
             spinning = threading.Thread(target=executor.spin, name="spinning", daemon=True)

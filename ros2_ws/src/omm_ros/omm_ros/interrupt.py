@@ -53,11 +53,15 @@ class Interrupts:
 
 
 @contextlib.contextmanager
-def told_to_end() -> Iterator[threading.Event]:
+def told_to_end(*, for_good: bool = False) -> Iterator[threading.Event]:
     """Provide an event that the first Ctrl-C or SIGTERM sets; a second Ctrl-C interrupts.
 
     For the main thread of a program that spins by itself. It starts rclpy without rclpy's own
     signal handlers (`SignalHandlerOptions.NO`): these end ROS while it is being used.
+
+    Parameters
+    ----------
+    for_good : whether the program ends afterwards: then no signal interrupts that any more
     """
     interrupts = Interrupts()
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
@@ -65,5 +69,8 @@ def told_to_end() -> Iterator[threading.Event]:
     try:
         yield interrupts.ended
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        if for_good:
+            interrupts.close()
+        else:
+            for number, handler in before.items():
+                signal.signal(number, handler)

@@ -1,5 +1,6 @@
 """The `main` of every omm node: start, spin, end cleanly."""
 
+import ctypes
 import os
 import signal
 import sys
@@ -24,6 +25,9 @@ from omm_ros.interrupt import Interrupts
 from omm_ros.published import count_publications
 
 AUTOSTART = "autostart"
+END_WITH_PARENT = "OMM_END_WITH_PARENT"
+"""Environment variable: 1 has a node end, cleanly, when the process that started it is gone."""
+_PR_SET_PDEATHSIG = 1
 _AUTOSTART = ParameterDescriptor(
     description="Configure and activate by itself; false: wait for a lifecycle manager.",
     read_only=True,
@@ -66,6 +70,7 @@ def run_node(
         check_environment()
     except InputError as error:
         return _failed(None, error, 2)
+    end_with_parent()
     transport.prepare(arguments)
     count_publications()
     os.nice(niceness)
@@ -115,6 +120,12 @@ def _autostart(node: LifecycleNode) -> None:
             raise getattr(node, "failure", None) or OmmError(
                 f"{node.get_name()} could not start; what was wrong stands above."
             )
+
+
+def end_with_parent() -> None:
+    """Have the kernel send SIGTERM when the parent is killed: launch leaves its nodes then."""
+    if os.environ.get(END_WITH_PARENT) == "1":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def _failed(node: Node | None, error: OmmError, status: int) -> int:
