@@ -44,12 +44,19 @@ def two_sigma_rows(campaign: Campaign, *, beside_paper: bool = False) -> list[li
     """Return twice the standard deviations of all measurements, as the paper's tables have them."""
     rows = [["2σ", *(f"{THETA[i].symbol} {THETA[i].unit}" for i in _COLUMNS)]]
     kinds = {"6D, table 2": "sigma_6d", "7D, table 3": "sigma"}
+    found = {}
     for words, key in kinds.items():
-        values = [2.0 * THETA[i].scale * getattr(campaign.quantities[i], key) for i in _COLUMNS]
+        values = found[key] = [
+            2.0 * THETA[i].scale * getattr(campaign.quantities[i], key) for i in _COLUMNS
+        ]
         if key == "sigma_6d":
             values[-1] = math.nan  # given there, not measured
         if not all(math.isnan(value) for value in values):
             rows.append([words, *(_number(value, 4) for value in values)])
+    six, seven = found["sigma_6d"][:-1], found["sigma"][:-1]
+    if not all(math.isnan(value) for value in six) and min(seven) > 0.0:
+        factors = [_number(a / b, 1) for a, b in zip(six, seven)]
+        rows.append(["6D / 7D", *factors, _number(math.nan, 1)])
     if beside_paper:
         rows += [[name, *(_number(v, 3) for v in values)] for name, values in PAPER.items()]
     return rows

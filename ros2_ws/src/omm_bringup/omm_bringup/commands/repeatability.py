@@ -1,7 +1,6 @@
-"""./omm repeatability: measure one part over many clampings, with 6D and with 7D."""
+"""./omm repeatability: the paper's tables 2 and 3, short for a simulated campaign."""
 
 import argparse
-import json
 from pathlib import Path
 
 
@@ -20,28 +19,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print twice the standard deviations over all clampings, beside the paper's."""
-    from omm_core.files.output import write_whole
-    from omm_simulation.repeatability import measure_clampings, repeatability, table
-    from omm_simulation.scenario import load_scenario
+    """Have the campaign done: one measurement in each clamping, 6D and 7D beside the paper's."""
+    from omm_bringup.commands import campaign
 
-    noise = args.noise_px if args.fast else None
-    measured = []
-    scenario = load_scenario(args.scenario)
-    for clamping in measure_clampings(scenario, args.clampings, args.seed, sigma_px=noise):
-        measured.append(clamping)
-        if not args.fast:
-            print(f"clamping {len(measured)} of {args.clampings} measured", flush=True)
-    result = repeatability(measured)
-    how = f"centres with {args.noise_px} px noise" if args.fast else "rendered images"
-    print(f"\nscenario {args.scenario}, {args.clampings} clampings, seed {args.seed}, {how}")
-    print("2 standard deviations over the clampings of what was measured\n")
-    print(table(result))
-    if args.json:
-        content = {
-            "truth": result.truth.tolist(),
-            "6D": result.six.tolist(),
-            "7D": result.seven.tolist(),
-        }
-        write_whole(args.json, json.dumps(content, indent=1) + "\n")
-    return 0
+    parser = argparse.ArgumentParser()
+    campaign.add_arguments(parser)
+    words = ["--clampings", str(args.clampings), "--scenario", args.scenario]
+    asked = parser.parse_args(words + ([] if args.fast else ["--images"]))
+    # Numbers go on as they are: the campaign judges them.
+    asked.seed, asked.noise_px, asked.json = args.seed, args.noise_px, args.json
+    return campaign.run(asked)
