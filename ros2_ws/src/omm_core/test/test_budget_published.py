@@ -5,6 +5,7 @@ Sources: JCGM 100:2008 (GUM) H.1; JCGM 101:2008 9.2, 9.4, 9.5.
 
 import math
 
+import numpy as np
 import pytest
 
 from omm_core.budget.distributions import Distribution
@@ -16,6 +17,7 @@ from omm_core.budget.propagation import (
     student_factor,
     tolerance_of,
 )
+from omm_core.budget.sources import pose_covariances, pose_jacobian
 
 
 def normal(name: str, value: float, u: float, dof: float = math.inf) -> Input:
@@ -137,3 +139,34 @@ def test_correlation_adds_as_in_gum_5_2() -> None:
     for r in (-1.0, -0.5, 0.3, 1.0):
         u = first_order(lambda a, b: 2 * a + b, inputs, {("a", "b"): r}).standard_uncertainty
         assert u == pytest.approx(math.sqrt(36 + 16 + 2 * r * 6 * 4), abs=1e-9)
+
+
+# The paper's section 4: spread at a target (µm, X Y Z), 2σ of table 3's 7D (mm/m, mm), the volume.
+# In industry the camera looks along Y instead of Z: y and z, β and γ change places.
+PAPER_U_IP = {
+    "bench": (
+        [[0, 0, 0], [1500, 0, 0], [0, 1000, 0], [1500, 1000, 0]],
+        (3.5, 14.3, 15.5), (0.028, 0.024, 0.010, 0.032, 0.030, 0.020),
+        (1500, 1000, 500), (20.1, 27.4, 23.5),
+    ),
+    "industrial": (
+        [[x, 0, z] for x in (0, 10000) for z in (0, 3000)],
+        (3.5, 15.5, 14.3), (0.028, 0.010, 0.024, 0.032, 0.020, 0.030),
+        (10000, 3000, 5000), (57.6, 140.2, 134.9),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", PAPER_U_IP)
+def test_the_papers_u_ip_in_size_by_what_it_tells_of_its_monte_carlo(name: str) -> None:
+    """Spread at the targets through a rigid fit, and table 3's 7D: the worst corner, each axis."""
+    targets, at_target_um, two_sigma, box, printed_um = PAPER_U_IP[name]
+    jacobian = pose_jacobian([0.0] * 6, np.array(targets, dtype=float)).reshape(-1, 6)
+    fit = np.linalg.pinv(jacobian)
+    of_targets = fit @ np.diag(np.tile(np.square(at_target_um) * 1e-6, len(targets))) @ fit.T
+    scale = np.array([1e-3, 1e-3, 1e-3, 1.0, 1.0, 1.0]) / 2.0
+    of_pose = np.diag(np.square(np.array(two_sigma) * scale))
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * box
+    covariances = pose_covariances([0.0] * 6, of_targets + of_pose, corners)
+    u_ip_um = 1e3 * np.sqrt(np.einsum("pii->pi", covariances)).max(axis=0)
+    assert np.all(np.abs(np.log(u_ip_um / printed_um)) < np.log(2.0))
