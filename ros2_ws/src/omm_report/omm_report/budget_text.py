@@ -71,6 +71,7 @@ def verdict_lines(budget: Budget) -> list[str]:
                 for axis, v in zip("XYZ", judged.accept_within_mm)
             ),
         ]
+    lines += decision_lines(budget)
     agrees = budget.sampled.agrees.all()
     gum = budget.sampled.first_order_mm
     off = np.abs(budget.sampled.half_width_mm - gum) / np.where(gum > 0.0, gum, 1.0)
@@ -80,6 +81,20 @@ def verdict_lines(budget: Budget) -> list[str]:
         + f" within half of u's second digit (JCGM 101, 8); U differs by up to {off.max():.1%}"
         + ("" if agrees else ": use Monte Carlo's U")
     )
+    return lines
+
+
+def decision_lines(budget: Budget) -> list[str]:
+    """Return ISO 14253-1's decision on each deviation that was measured."""
+    lines = []
+    for index, point in enumerate(budget.points):
+        decided = budget.decision(index)
+        if decided is not None and point.deviation_mm is not None:
+            each = ", ".join(
+                f"{axis} {d:+.3f} mm {words} ({p:.1%})"
+                for axis, d, p, words in zip("XYZ", point.deviation_mm, *decided)
+            )
+            lines.append(f"ISO 14253-1, {point.name}: {each}")
     return lines
 
 

@@ -119,6 +119,8 @@ def budget_at(sources: BudgetSources, points: Sequence[NamedPoint]) -> Budget:
     file = sources.file
     contributions, findings = contributions_at(sources, points)
     correlation, told = _correlation(file, contributions)
+    if file.tolerance_mm is None and any(point.deviation_mm is not None for point in points):
+        told = (*told, "a deviation_mm is given, but no tolerance_mm: nothing is decided")
     return evaluate(
         points,
         contributions,

@@ -168,6 +168,25 @@ u_out: {points: survey.json}
     assert any("nearest" in words for words in result.findings)
 
 
+def test_a_measured_deviation_is_decided_upon_as_iso_14253_1_wants(budget) -> None:  # type: ignore[no-untyped-def]
+    # u = 0.1, T/2 = 1: proven within 1 - 1.645 u and beyond 1 + 1.645 u.
+    text = """
+part: part.yaml
+points:
+  - {name: P, xyz_mm: [0, 0, 0], deviation_mm: [0.835, -0.836, 1.0]}
+  - {name: Q, xyz_mm: [0, 0, 0], deviation_mm: [1.164, -1.165, 0]}
+u_ip: {sigma_mm: [0.1, 0.1, 0.1]}
+"""
+    result = budget(text + "tolerance_mm: 2.0")
+    first, second = (p["iso_14253_1"] for p in result.to_json_dict()["points"])
+    assert first["decision"] == ["conforms", "not proven", "not proven"]
+    assert second["decision"] == ["not proven", "does not conform", "conforms"]
+    assert first["conformity_probability"][2] == pytest.approx(0.5)
+    undecided = budget(text)
+    assert "iso_14253_1" not in undecided.to_json_dict()["points"][0]
+    assert any("no tolerance_mm" in words for words in undecided.findings)
+
+
 @pytest.mark.parametrize(
     ("text", "told"),
     [

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.budget.budget_file import NamedPoint
-from omm_core.budget.capability import Capability, capability
+from omm_core.budget.capability import Capability, capability, conformity, decide
 from omm_core.budget.evaluation import (
     Combined,
     Contribution,
@@ -86,6 +86,20 @@ class Budget:
             self.tolerance_mm,
         )
 
+    def decision(self, index: int) -> tuple[list[float], list[str]] | None:
+        """Return for a point's three deviations the probability to conform, and the decision.
+
+        ISO 14253-1; None where no deviation was measured there, or no tolerance is given.
+        """
+        deviation = self.points[index].deviation_mm
+        if deviation is None or self.tolerance_mm is None:
+            return None
+        pairs = list(zip(deviation.tolist(), self.combined.standard_uncertainty_mm[index].tolist()))
+        return (
+            [conformity(d, u, self.tolerance_mm) for d, u in pairs],
+            [decide(d, u, self.tolerance_mm) for d, u in pairs],
+        )
+
     def to_json_dict(self) -> dict[str, Any]:
         """Return what ``budget --json`` writes (contract.md)."""
         judged = self.capability()
@@ -119,6 +133,21 @@ class Budget:
                 "U_mm": self.sampled.half_width_mm[index].tolist(),
                 "agrees": bool(self.sampled.agrees[index].all()),
             },
+            **self._decision_dict(index),
+        }
+
+    def _decision_dict(self, index: int) -> dict[str, Any]:
+        decided = self.decision(index)
+        if decided is None:
+            return {}
+        deviation = self.points[index].deviation_mm
+        assert deviation is not None  # else nothing were decided
+        return {
+            "iso_14253_1": {
+                "deviation_mm": deviation.tolist(),
+                "conformity_probability": decided[0],
+                "decision": decided[1],
+            }
         }
 
 

@@ -81,6 +81,17 @@ def conformity(deviation: float, standard_uncertainty: float, tolerance: float) 
     return float(upper - stats.norm.cdf((-tolerance / 2 - deviation) / standard_uncertainty))
 
 
+def decide(deviation: float, standard_uncertainty: float, tolerance: float) -> str:
+    """Return ``conforms`` or ``does not conform`` where that is proven, else ``not proven``.
+
+    ISO 14253-1:2017: proven where its probability is at least 95 %.
+    """
+    probability = conformity(deviation, standard_uncertainty, tolerance)
+    if probability >= CONFORMITY_PROBABILITY:
+        return "conforms"
+    return "does not conform" if probability <= 1.0 - CONFORMITY_PROBABILITY else "not proven"
+
+
 def guard_band(standard_uncertainty: float, tolerance: float) -> float:
     """Return how far inside the limit a value must be to conform with 95 %; 1.65 u for a wide T.
 
