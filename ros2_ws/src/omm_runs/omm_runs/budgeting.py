@@ -35,6 +35,7 @@ from omm_runs.campaigning import campaign_of
 from omm_runs.solving import SolvedRun, SolveRunOptions, solve_run
 
 Array = NDArray[np.float64]
+_LARGE = 0.01  # of the part's diagonal
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -121,7 +122,7 @@ def budget_at(sources: BudgetSources, points: Sequence[NamedPoint]) -> Budget:
     correlation, told = _correlation(file, contributions)
     if file.tolerance_mm is None and any(point.deviation_mm is not None for point in points):
         told = (*told, "a deviation_mm is given, but no tolerance_mm: nothing is decided")
-    return evaluate(
+    budget = evaluate(
         points,
         contributions,
         correlation=correlation,
@@ -129,6 +130,18 @@ def budget_at(sources: BudgetSources, points: Sequence[NamedPoint]) -> Budget:
         tolerance_mm=file.tolerance_mm,
         findings=(*sources.findings, *findings, *told),
     )
+    return replace(budget, findings=(*budget.findings, *_doubts(budget, sources.part)))
+
+
+def _doubts(budget: Budget, part: Part) -> tuple[str, ...]:
+    """Say where U is so small or so large that a unit may be wrong."""
+    largest = float(budget.expanded_mm.max())
+    if largest == 0.0:
+        return ("all that is given is 0 or cancels: U is 0, which no measurement has",)
+    size = float(np.linalg.norm(np.ptp(part.box(), axis=0)))
+    if largest > _LARGE * size > 0.0:
+        return (f"U of {largest:.4g} mm on a part of {size:.4g} mm: are all units right?",)
+    return ()
 
 
 def map_of(sources: BudgetSources, steps: int = 9) -> BoxMap:

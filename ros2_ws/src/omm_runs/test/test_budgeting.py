@@ -187,6 +187,18 @@ u_ip: {sigma_mm: [0.1, 0.1, 0.1]}
     assert any("no tolerance_mm" in words for words in undecided.findings)
 
 
+def test_what_cancels_is_nothing_and_a_wrong_unit_is_doubted(budget) -> None:  # type: ignore[no-untyped-def]
+    result = budget("""
+part: part.yaml
+contributors: [{name: a, sigma: 0.02, correlation: {b: -1}}, {name: b, sigma: 0.02}]
+""")
+    assert result.expanded_mm.max() == 0.0
+    assert result.sampled.agrees.all()
+    assert any("which no measurement has" in words for words in result.findings)
+    microns_as_mm = budget("part: part.yaml\nu_ip: {sigma_mm: [20, 27, 24]}")
+    assert any("are all units right" in words for words in microns_as_mm.findings)
+
+
 @pytest.mark.parametrize(
     ("text", "told"),
     [
@@ -198,6 +210,16 @@ u_ip: {sigma_mm: [0.1, 0.1, 0.1]}
         (BENCH + "contributors: [{name: a, sigma: 1, correlation: {a: 0.1}}]", "correlation"),
         (BENCH + "contributors: [{name: u_ip, sigma: 1}]", "taken"),
         (BENCH.replace("[0.0201", "[-0.0201"), ">= 0"),
+        (BENCH.replace("11.0e-6", "11"), "11.0e-6"),
+        (BENCH.replace(", temperature_K: {half_width: 1, distribution: uniform}", ""), "unsure"),
+        (BENCH + "contributors: [{name: a, sigma: 1, half_width: 1}]", "got both"),
+        (BENCH + "contributors: [{name: a, half_width: -1, distribution: uniform}]", "0 or more"),
+        (BENCH + "contributors: [{name: a, sigma: 1, degrees_of_freedom: -3}]", "above 0"),
+        (
+            BENCH + "contributors: [{name: a, sigma: 1, correlation: {b: 0.9, c: 0.9}},"
+            " {name: b, sigma: 1, correlation: {c: -0.9}}, {name: c, sigma: 1}]",
+            "true together",
+        ),
         (BENCH.replace("points: box", "points: [{name: a, xyz_mm: [0, 0]}]"), "3 numbers"),
         (BENCH.replace("points: box", "points: around"), "'box' or a list"),
     ],

@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 
 _ROOT = ("part", "points", "u_ip", "u_it", "u_out", "machine", "contributors", "coverage_factor",
          "coverage_probability", "tolerance_mm", "tool_mm", "cad", "cad_unit")  # fmt: skip
+_LARGEST_PER_K = 1e-3
 # Of STL and PLY, which do not tell theirs; as in fit.yaml.
 CAD_UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
 
@@ -184,8 +185,18 @@ def _expansion(section: YamlSection) -> Expansion:
             spread = read_spread(own, ("value",))
     else:
         per_K = section.number("expansion_per_K")
+    if abs(per_K) > _LARGEST_PER_K:
+        raise InputError(
+            f"{section.where}: expected expansion_per_K as 11.0e-6 (per K), got {per_K:g}:"
+            " no solid expands so much. Is that µm per m and K?"
+        )
     temperature = section.section("temperature_K") if "temperature_K" in section else None
     gradient = "gradient_K_per_m"
+    if temperature is None and gradient not in section:
+        raise InputError(
+            f"{section.where}: expected temperature_K or {gradient} beside expansion_per_K: how"
+            " unsure the part's temperature is."
+        )
     return Expansion(
         per_K=per_K,
         per_K_spread=spread,
@@ -201,12 +212,11 @@ def _out_of_machine(section: YamlSection, folder: Path) -> OutOfMachine:
         raise InputError(
             f"{section.where}: expected points, or constant_mm and per_metre_mm, or sigma_mm."
         )
-    small = -1e-300
     return OutOfMachine(
         points=folder / section.text("points") if "points" in section else None,
-        constant_mm=section.number("constant_mm", above=small) if "constant_mm" in section else 0.0,
+        constant_mm=section.number("constant_mm", least=0.0) if "constant_mm" in section else 0.0,
         per_metre_mm=(
-            section.number("per_metre_mm", above=small) if "per_metre_mm" in section else 0.0
+            section.number("per_metre_mm", least=0.0) if "per_metre_mm" in section else 0.0
         ),
         sigma_mm=read_sigma(section) if "sigma_mm" in section else None,
     )

@@ -169,6 +169,10 @@ def sample(
         freedom = combined.degrees_of_freedom.reshape(-1)
         factor = np.array([student_factor(PROBABILITY, value) for value in freedom])
     off = np.maximum(np.abs(low + factor * u), np.abs(high - factor * u))
+    # Contributors that cancel leave rounding alone: of that, neither is right.
+    delta = np.maximum(
+        delta, 1e-9 * np.sum([np.abs(c.millimetres) for c in contributions], 0).ravel()
+    )
     halves = np.array([(end[:, 1] - end[:, 0]) / 2 for end in ends])
     return Sampled(
         half_width_mm=((high - low) / 2).reshape(points, 3),

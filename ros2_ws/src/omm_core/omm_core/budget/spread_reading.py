@@ -25,11 +25,14 @@ def read_spread(section: YamlSection, more: tuple[str, ...] = ()) -> Distributio
     if "degrees_of_freedom" in section and section.get("degrees_of_freedom") != math.inf:
         freedom = section.number("degrees_of_freedom", above=0.0)
     try:
+        given = [key for key in (*_SIGMAS, "half_width") if key in section]
+        if len(given) > 1:
+            raise InputError(f"Expected one of {' and '.join(given)}, got both.")
         sigma = next((key for key in _SIGMAS if key in section), None)
         if sigma is not None:
-            value = section.number(sigma, above=-1e-300)
+            value = section.number(sigma, least=0.0)
             return Distribution(kind=kind, standard_uncertainty=value, degrees_of_freedom=freedom)
-        half = section.number("half_width", above=-1e-300)
+        half = section.number("half_width", least=0.0)
         if "coverage_factor" in section or kind in ("normal", "gaussian"):
             return Distribution(
                 kind=kind,

@@ -83,9 +83,14 @@ class YamlSection:
             )
         return value
 
-    def number(self, key: str, *, above: float = -math.inf) -> float:
-        """Return the finite number under a key."""
-        return self._number(self.get(key), f"'{key}'", above)
+    def number(self, key: str, *, above: float = -math.inf, least: float = -math.inf) -> float:
+        """Return the finite number under a key, above the one limit and not below the other."""
+        value = self._number(self.get(key), f"'{key}'", above)
+        if value < least:
+            raise InputError(
+                f"{self.where}: expected {least:g} or more for '{key}', got {value:g}."
+            )
+        return value
 
     def numbers(self, key: str, count: int | None = None) -> NDArray[np.float64]:
         """Return the list of finite numbers under a key; of any length where count is None."""
