@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 import hashlib
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from omm_core.camera_calibration.single_dot import PlainDot
 from omm_core.files.calibration_set import CmmSet, MachineSet, load_calibration_set
 from omm_core.files.camera_writing import camera_yaml
 from omm_core.files.part import load_part
+from omm_core.files.sensor import NamedSensor
 from omm_core.imaging.calibration import load_calibration
 from omm_runs.dot_images import dots_of_images, nearest_dots
 from omm_runs.recorded_observations import observations_of_run
@@ -75,8 +76,8 @@ def _by_places(
         pixels=pixels,
         covariance_px2=covariance,
         sigma_xyz_mm=given.sigma_xyz_mm,
-        normal=given.normal,
-        dot_diameter_mm=given.dot_diameter_mm,
+        normal=given.target.normal,
+        dot_diameter_mm=given.target.dot_diameter_mm,
         hint=_hint(given.nominal),
     )
 
@@ -132,10 +133,7 @@ def camera_file(given: CmmSet | MachineSet, result: CalibrationResult) -> str:
     """Return camera.yaml of a calibration."""
     sensor = result.sensor
     return camera_yaml(
-        name=sensor.name,
-        width_px=sensor.width_px,
-        height_px=sensor.height_px,
-        pixel_size_mm=sensor.pixel_size_mm,
+        sensor=NamedSensor(**asdict(sensor)),
         values=dict(zip(PARAMETERS, (float(v) for v in result.camera), strict=True)),
         covariance=result.covariance.tolist(),
         notes={

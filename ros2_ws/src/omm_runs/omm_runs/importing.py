@@ -10,6 +10,7 @@ from omm_core.camera_calibration.importing import import_lens
 from omm_core.errors import InputError
 from omm_core.files.camera_writing import lens_yaml
 from omm_core.files.foreign_calibration import read_foreign
+from omm_core.files.sensor import NamedSensor, PlumbBobIntrinsics
 
 
 def import_calibration(path: Path) -> tuple[str, dict[str, Any], list[str]]:
@@ -28,9 +29,8 @@ def import_calibration(path: Path) -> tuple[str, dict[str, Any], list[str]]:
     intrinsics = asdict(imported.lens)
     size = {name: intrinsics.pop(name) for name in ("width_px", "height_px")}
     text = lens_yaml(
-        name=foreign.name,
-        **size,
-        intrinsics=intrinsics,
+        sensor=NamedSensor(name=foreign.name, **size),
+        intrinsics=PlumbBobIntrinsics(**intrinsics),
         source=foreign.source,
         largest_error_px=imported.largest_error_px,
     )

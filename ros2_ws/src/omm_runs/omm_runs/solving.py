@@ -10,11 +10,11 @@ from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from omm_core.errors import InputError
 from omm_core.files.machine import Machine, load_machine
+from omm_core.files.outside import Text
 from omm_core.files.part import Part, load_part
 from omm_core.imaging.calibration import CameraCalibration, load_calibration
 from omm_core.session.measurement import Measurement
@@ -258,7 +258,5 @@ def _load(recording: Recording, name: str, load: Any, notices: list[str]) -> Any
             f"Expected {name} beside {recording.run.recordings[0]} or in it, found none. "
             f"Name one: {option} FILE"
         )
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / name
-        path.write_bytes(inside)
-        return load(path)
+    where = f"{name} in {recording.run.recordings[0]}"
+    return load(Text(name=where, content=inside, folder=recording.run.folder))

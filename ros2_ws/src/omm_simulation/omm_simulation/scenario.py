@@ -216,7 +216,7 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
     """
     path = _find(name_or_path)
     root = read_yaml(path, "scenario file")
-    root.warn_unknown(*_KEYS, *_SECTIONS)
+    root.refuse_unknown(*_KEYS, *_SECTIONS)
     part_file = path.parent / root.text("part_file")
     calibration_file = path.parent / root.text("calibration_file")
     sections = {

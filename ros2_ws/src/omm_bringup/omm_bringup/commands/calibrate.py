@@ -1,4 +1,4 @@
-"""./omm calibrate: camera.yaml from a calibration set; does an old one still hold."""
+"""./omm calibrate: make camera.yaml from a calibration set, or check whether an old one holds."""
 
 import argparse
 import json

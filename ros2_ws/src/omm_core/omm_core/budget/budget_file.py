@@ -110,7 +110,7 @@ def load_budget_file(path: Path) -> BudgetFile:
     """
     path = path / "budget.yaml" if path.is_dir() else path
     root = read_yaml(path, "budget file")
-    root.warn_unknown(*_ROOT)
+    root.refuse_unknown(*_ROOT)
     factor = root.number("coverage_factor", above=0.0) if "coverage_factor" in root else None
     probability = _probability(root)
     if factor is not None and probability is not None:
@@ -163,7 +163,7 @@ def _points(root: YamlSection) -> tuple[NamedPoint, ...] | None:
 
 
 def _in_part(section: YamlSection, folder: Path) -> InPart:
-    section.warn_unknown("run", "campaign", "sigma_mm")
+    section.refuse_unknown("run", "campaign", "sigma_mm")
     if not any(key in section for key in ("run", "campaign", "sigma_mm")):
         raise InputError(f"{section.where}: expected run, campaign or sigma_mm.")
     return InPart(
@@ -174,7 +174,7 @@ def _in_part(section: YamlSection, folder: Path) -> InPart:
 
 
 def _expansion(section: YamlSection) -> Expansion:
-    section.warn_unknown("expansion_per_K", "temperature_K", "gradient_K_per_m", "sigma_mm")
+    section.refuse_unknown("expansion_per_K", "temperature_K", "gradient_K_per_m", "sigma_mm")
     if "sigma_mm" in section:
         return Expansion(sigma_mm=read_sigma(section))
     spread, value = None, section.get("expansion_per_K")
@@ -207,7 +207,7 @@ def _expansion(section: YamlSection) -> Expansion:
 
 
 def _out_of_machine(section: YamlSection, folder: Path) -> OutOfMachine:
-    section.warn_unknown("points", "constant_mm", "per_metre_mm", "sigma_mm")
+    section.refuse_unknown("points", "constant_mm", "per_metre_mm", "sigma_mm")
     if not any(key in section for key in ("points", "constant_mm", "per_metre_mm", "sigma_mm")):
         raise InputError(
             f"{section.where}: expected points, or constant_mm and per_metre_mm, or sigma_mm."

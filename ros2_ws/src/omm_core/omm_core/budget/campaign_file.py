@@ -49,7 +49,7 @@ def load_campaign_file(path: Path) -> CampaignFile:
     """
     path = path / "campaign.yaml" if path.is_dir() else path
     root = read_yaml(path, "campaign file")
-    root.warn_unknown(*_FIELDS)
+    root.refuse_unknown(*_FIELDS)
     entries = root.get("runs")
     if not isinstance(entries, list) or not entries:
         raise InputError(f"{root.where}: expected a list of runs with at least one entry.")
@@ -64,7 +64,7 @@ def load_campaign_file(path: Path) -> CampaignFile:
             raise InputError(f"{root.where}: expected each {what} once, got {twice[0]} twice.")
     reference = root.section("reference") if "reference" in root else None
     if reference is not None:
-        reference.warn_unknown(*THETA)
+        reference.refuse_unknown(*THETA)
     return CampaignFile(
         path=path,
         runs=runs,
@@ -80,7 +80,7 @@ def load_campaign_file(path: Path) -> CampaignFile:
 
 
 def _run(entry: YamlSection, folder: Path) -> CampaignRun:
-    entry.warn_unknown("run", "clamping", "repeat")
+    entry.refuse_unknown("run", "clamping", "repeat")
     return CampaignRun(
         run=folder / entry.text("run"),
         clamping=entry.integer("clamping"),

@@ -8,31 +8,46 @@ import math
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.errors import InputError
+from omm_core.files.declared import (
+    direction,
+    file,
+    integer,
+    number,
+    part_of,
+    read_section,
+    text,
+)
 from omm_core.files.outside import read_text
 from omm_core.files.yaml_input import YamlSection, read_yaml
 
 Array = NDArray[np.float64]
 
 
-_KEYS = {
-    "cmm": ("points", "target", "sigma_xyz_mm", "sigma_px"),
-    "machine": ("run", "part", "machine_sigma_mm", "touched"),
-}
+_ROOT = ("kind", "model")
 
 
 @dataclass(frozen=True, kw_only=True)
 class SetCamera:
     """The sensor, as the set names it."""
 
-    name: str
-    width_px: int
-    height_px: int
-    pixel_size_mm: float
+    name: Annotated[str, text()]
+    width_px: Annotated[int, integer(minimum=16)]
+    height_px: Annotated[int, integer(minimum=16)]
+    pixel_size_mm: Annotated[float, number(above=0.0)]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DotOfSet:
+    """The one dot of a ``cmm`` set; its normal (3,) in the taper's axes."""
+
+    dot_diameter_mm: Annotated[float, number(above=0.0)]
+    normal: Annotated[Array, direction()]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,24 +58,23 @@ class CmmSet:
     """
 
     path: Path
-    camera: SetCamera
+    camera: Annotated[SetCamera, part_of(SetCamera)]
     images: tuple[str, ...]
     places_mm: Array
     pixels: Array | None
-    sigma_px: float | None
-    sigma_xyz_mm: float
-    dot_diameter_mm: float
-    normal: Array
-    nominal: Path | None
+    target: Annotated[DotOfSet, part_of(DotOfSet)]
+    sigma_px: Annotated[float | None, number(above=0.0)] = None
+    sigma_xyz_mm: Annotated[float, number(least=0.0)]
+    nominal: Annotated[Path | None, file()] = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Touched:
     """A probed height of a target's dot, machine coordinates."""
 
-    target: int
-    z_mm: float
-    sigma_mm: float
+    target: Annotated[int, integer(minimum=1)]
+    z_mm: Annotated[float, number()]
+    sigma_mm: Annotated[float, number(above=0.0)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,12 +82,12 @@ class MachineSet:
     """A run over a plate of coded targets that stood still."""
 
     path: Path
-    camera: SetCamera
-    run: Path
-    part: Path
-    machine_sigma_mm: float
-    touched: Touched | None
-    nominal: Path | None
+    camera: Annotated[SetCamera, part_of(SetCamera)]
+    run: Annotated[Path, file()]
+    part: Annotated[Path, file()]
+    machine_sigma_mm: Annotated[float, number(above=0.0)]
+    touched: Annotated[Touched | None, part_of(Touched)] = None
+    nominal: Annotated[Path | None, file()] = None
 
 
 def load_calibration_set(path: Path) -> CmmSet | MachineSet:
@@ -93,76 +107,32 @@ def load_calibration_set(path: Path) -> CmmSet | MachineSet:
             " live, both models are understood."
         )
     kind = root.text("kind")
-    own = _KEYS.get(kind, ())
-    root.warn_unknown("kind", "camera", "model", "nominal", *own)
+    if kind == "machine":
+        return read_section(MachineSet, root, also=_ROOT, path=path)
     if kind == "cmm":
         return _cmm(path, root)
-    if kind == "machine":
-        return _machine(path, root)
     raise InputError(f"{path}: expected the kind 'cmm' or 'machine', got '{kind}'.")
 
 
-def _camera(root: YamlSection) -> SetCamera:
-    camera = root.section("camera")
-    camera.warn_unknown("name", "width_px", "height_px", "pixel_size_mm")
-    return SetCamera(
-        name=camera.text("name"),
-        width_px=camera.integer("width_px", minimum=16),
-        height_px=camera.integer("height_px", minimum=16),
-        pixel_size_mm=camera.number("pixel_size_mm", above=0.0),
-    )
-
-
-def _nominal(path: Path, root: YamlSection) -> Path | None:
-    return path.parent / root.text("nominal") if "nominal" in root else None
-
-
-def _machine(path: Path, root: YamlSection) -> MachineSet:
-    touched = None
-    if "touched" in root:
-        section = root.section("touched")
-        section.warn_unknown("target", "z_mm", "sigma_mm")
-        touched = Touched(
-            target=section.integer("target", minimum=1),
-            z_mm=section.number("z_mm"),
-            sigma_mm=section.number("sigma_mm", above=0.0),
-        )
-    return MachineSet(
-        path=path,
-        camera=_camera(root),
-        run=path.parent / root.text("run"),
-        part=path.parent / root.text("part"),
-        machine_sigma_mm=root.number("machine_sigma_mm", above=0.0),
-        touched=touched,
-        nominal=_nominal(path, root),
-    )
-
-
 def _cmm(path: Path, root: YamlSection) -> CmmSet:
-    target = root.section("target")
-    target.warn_unknown("dot_diameter_mm", "normal")
-    normal = target.numbers("normal", 3)
-    if np.linalg.norm(normal) < 1e-6:
-        raise InputError(f"{target.where}: expected a normal with a direction, got {normal}.")
     images, places, pixels = _points(path.parent / root.text("points"))
-    return CmmSet(
+    if pixels is not None:
+        root.get("sigma_px")
+    return read_section(
+        CmmSet,
+        root,
+        also=(*_ROOT, "points"),
         path=path,
-        camera=_camera(root),
         images=images,
         places_mm=places,
         pixels=pixels,
-        sigma_px=None if pixels is None else root.number("sigma_px", above=0.0),
-        sigma_xyz_mm=root.number("sigma_xyz_mm", above=-1e-12),
-        dot_diameter_mm=target.number("dot_diameter_mm", above=0.0),
-        normal=normal / np.linalg.norm(normal),
-        nominal=_nominal(path, root),
     )
 
 
 def _points(path: Path) -> tuple[tuple[str, ...], Array, Array | None]:
-    text = read_text(path, "table of points")
+    table = read_text(path, "table of points")
     try:
-        rows = list(csv.DictReader(io.StringIO(text, newline="")))
+        rows = list(csv.DictReader(io.StringIO(table, newline="")))
     except csv.Error as error:
         raise InputError(f"The points {path} cannot be read: {error}.") from None
     if not rows:

@@ -6,15 +6,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from omm_core.files.declared import write_section
 from omm_core.files.output import write_whole
+from omm_core.files.sensor import BrownIntrinsics, NamedSensor, PlumbBobIntrinsics, TaperToCamera
 
 
 def camera_yaml(
     *,
-    name: str,
-    width_px: int,
-    height_px: int,
-    pixel_size_mm: float,
+    sensor: NamedSensor,
     values: Mapping[str, float],
     covariance: Sequence[Sequence[float]],
     notes: Mapping[str, Any],
@@ -23,8 +22,7 @@ def camera_yaml(
 
     Parameters
     ----------
-    name, width_px, height_px, pixel_size_mm
-        The sensor.
+    sensor : NamedSensor
     values : mapping
         The 13 parameters by name, in the order of the covariance.
     covariance : (13, 13)
@@ -35,22 +33,21 @@ def camera_yaml(
     import yaml
 
     content = {
-        "camera": {
-            "name": name,
-            "width_px": width_px,
-            "height_px": height_px,
-            "pixel_size_mm": pixel_size_mm,
-        },
+        "camera": write_section(sensor),
         "model": "brown_photogrammetric",
-        "intrinsics": {
-            "focal_length_mm": values["focal_length_mm"],
-            "principal_point_offset_px": [values["cl0_px"], values["rw0_px"]],
-            **{key: values[key] for key in ("k1_px2", "k2_px4", "p1_px", "p2_px")},
-        },
-        "taper_to_camera": {
-            "translation_mm": [values[key] for key in ("x_mm", "y_mm", "z_mm")],
-            "euler_xyz_rad": [values[key] for key in ("alpha_rad", "beta_rad", "gamma_rad")],
-        },
+        "intrinsics": write_section(
+            BrownIntrinsics(
+                focal_length_mm=values["focal_length_mm"],
+                principal_point_offset_px=(values["cl0_px"], values["rw0_px"]),
+                **{key: values[key] for key in ("k1_px2", "k2_px4", "p1_px", "p2_px")},
+            )
+        ),
+        "taper_to_camera": write_section(
+            TaperToCamera(
+                translation_mm=tuple(values[key] for key in ("x_mm", "y_mm", "z_mm")),
+                euler_xyz_rad=tuple(values[key] for key in ("alpha_rad", "beta_rad", "gamma_rad")),
+            )
+        ),
         "covariance": {
             "parameters": list(values),
             "matrix": [[float(v) for v in row] for row in covariance],
@@ -63,10 +60,8 @@ def camera_yaml(
 
 def lens_yaml(
     *,
-    name: str,
-    width_px: int,
-    height_px: int,
-    intrinsics: Mapping[str, float],
+    sensor: NamedSensor,
+    intrinsics: PlumbBobIntrinsics,
     source: str,
     largest_error_px: float,
 ) -> str:
@@ -74,9 +69,9 @@ def lens_yaml(
     import yaml
 
     content = {
-        "camera": {"name": name, "width_px": width_px, "height_px": height_px},
+        "camera": write_section(sensor),
         "model": "plumb_bob",
-        "intrinsics": dict(intrinsics),
+        "intrinsics": write_section(intrinsics),
         "calibration": {"imported_from": source, "largest_error_px": largest_error_px},
     }
     text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=1000)

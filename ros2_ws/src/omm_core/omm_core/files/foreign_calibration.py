@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.errors import InputError
-from omm_core.files.outside import read_text
+from omm_core.files.outside import Source, read_text
 from omm_core.files.strict_yaml import parse_yaml
 
 Array = NDArray[np.float64]
@@ -74,14 +74,11 @@ def foreign_source(text: str) -> str | None:
     return next((name for name, sign in _KINDS if re.search(sign, text, re.MULTILINE)), None)
 
 
-def refuse_foreign(path: str | Path) -> None:
+def refuse_foreign(path: Source) -> None:
     """Raise InputError where a file is another program's calibration: say whose, and what to do."""
     try:
-        path = Path(path)
-        if not path.is_file() or path.stat().st_size > _LARGEST_BYTES:
-            return
         source = foreign_source(read_text(path, "calibration", _LARGEST_BYTES))
-    except (OSError, InputError):
+    except InputError:
         return  # the reader of camera.yaml tells what is wrong with it
     if source is not None:
         raise InputError(

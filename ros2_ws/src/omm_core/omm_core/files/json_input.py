@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Any
 
 from omm_core.errors import InputError
-from omm_core.files.outside import read_text
+from omm_core.files.outside import Source, read_text
 
 
-def read_json(path: str | Path, what: str) -> dict[str, Any]:
+def read_json(path: Source, what: str) -> dict[str, Any]:
     """Return the object in a JSON file.
 
     Raises

@@ -120,7 +120,7 @@ def load_machine(path: str | Path) -> Machine:
     if _is_xml(path):
         return Machine(name=path.stem, urdf=path)
     root = read_yaml(path, "machine.yaml (or URDF)")
-    root.warn_unknown("machine", "uncertainty", "axes", "timing")
+    root.refuse_unknown("machine", "uncertainty", "axes", "timing")
     machine = root.section("machine")
     _tell_unknown(machine, "machine")
     axes = root.section("axes") if "axes" in root else None
@@ -150,7 +150,7 @@ def _is_xml(path: Path) -> bool:
 
 def _tell_unknown(section: YamlSection, kind: str) -> None:
     """Warn of keys that nothing reads: a misspelt one would be taken as not told."""
-    section.warn_unknown(*_KNOWN[kind])
+    section.refuse_unknown(*_KNOWN[kind])
 
 
 def _up(machine: YamlSection) -> Array:

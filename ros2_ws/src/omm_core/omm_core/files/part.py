@@ -142,7 +142,7 @@ def load_part(path: str | Path) -> Part:
         Where the file is missing or malformed, a number is bad, or an id stands there twice.
     """
     root = read_yaml(path, "part file")
-    root.warn_unknown(*_KEYS)
+    root.refuse_unknown(*_KEYS)
     entries = root.get("targets")
     if not isinstance(entries, list) or not entries:
         raise InputError(f"{root.where}: expected a list of targets with at least one entry.")
@@ -224,7 +224,7 @@ def _family(root: YamlSection) -> str:
 
 
 def _target(entry: YamlSection) -> Target:
-    entry.warn_unknown("id", "xyz_mm", "dot_diameter_mm", "normal", "sigma_xyz_mm")
+    entry.refuse_unknown("id", "xyz_mm", "dot_diameter_mm", "normal", "sigma_xyz_mm")
     target_id = entry.integer("id", minimum=1)
     named = YamlSection(entry.values, f"{entry.where} (id {target_id})")
     return Target(

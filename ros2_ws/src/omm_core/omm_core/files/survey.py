@@ -78,7 +78,7 @@ def load_survey(path: Path) -> SurveySet:
     if path.is_dir() and not file.is_file():
         raise InputError(_how_to_write(path))
     root = read_yaml(file, "survey file")
-    root.warn_unknown(*_KEYS)
+    root.refuse_unknown(*_KEYS)
     name, size, focal = _camera(root)
     photos, left_out = _photos(root, file.parent)
     return SurveySet(
@@ -124,7 +124,7 @@ def _camera(root: YamlSection) -> tuple[str | None, tuple[int, int] | None, floa
     if "camera" not in root:
         return None, None, None
     camera = root.section("camera")
-    camera.warn_unknown(*_CAMERA_KEYS)
+    camera.refuse_unknown(*_CAMERA_KEYS)
     name = camera.text("name") if "name" in camera else None
     size = None
     if "width_px" in camera or "height_px" in camera:
@@ -179,7 +179,7 @@ def _bars(root: YamlSection, key: str) -> tuple[DeclaredBar, ...]:
 
 
 def _bar(bar: YamlSection) -> DeclaredBar:
-    bar.warn_unknown(*_BAR_KEYS)
+    bar.refuse_unknown(*_BAR_KEYS)
     first, second = (whole_number(e, f"{bar.where}: ends") for e in bar.numbers("ends", 2))
     if first == second:
         raise InputError(f"{bar.where}: expected two different ends, got {first} twice.")
@@ -206,7 +206,7 @@ def _datum(root: YamlSection) -> DeclaredDatum:
     if "datum" not in root or root.get("datum") == "free":
         return DeclaredDatum()
     datum = root.section("datum")
-    datum.warn_unknown("three_targets", "nominal")
+    datum.refuse_unknown("three_targets", "nominal")
     if "three_targets" in datum:
         where = f"{datum.where}: three_targets"
         targets = tuple(whole_number(t, where) for t in datum.numbers("three_targets", 3))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import difflib
 import math
 import reprlib
 from collections.abc import Sequence
@@ -13,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_core.errors import InputError, warn
-from omm_core.files.outside import read_text
+from omm_core.errors import InputError, did_you_mean
+from omm_core.files.outside import Source, folder_of, read_text
 from omm_core.files.strict_yaml import parse_yaml
 
 _BOUNDED = reprlib.Repr()
@@ -31,13 +30,16 @@ class YamlSection:
         What the file says here.
     where : str
         File and keys down to here, as a person would look it up.
+    folder : Path
+        From where the names of files count.
     """
 
-    def __init__(self, values: Any, where: str) -> None:
+    def __init__(self, values: Any, where: str, folder: Path = Path()) -> None:
         if not isinstance(values, dict):
             raise InputError(f"{where}: expected keys with values, got {_short(values)}.")
         self.values = values
         self.where = where
+        self.folder = folder
 
     def __contains__(self, key: str) -> bool:
         return self.values.get(key) is not None
@@ -49,19 +51,28 @@ class YamlSection:
             raise InputError(f"{self.where}: the key '{key}' is missing (keys there: {there}).")
         return self.values[key]
 
-    def warn_unknown(self, *known: str) -> None:
-        """Tell of keys that nothing reads, with the nearest known one: typing errors are quiet."""
+    def refuse_unknown(self, *known: str) -> None:
+        """Raise InputError where a key is not known: a misspelt one would count as not told."""
         for key in self.values:
             if str(key) not in known:
-                near = difflib.get_close_matches(str(key), known, 1, cutoff=0.0)
-                warn(
-                    f"{self.where}: the key {_short(key)} is not known and not read"
-                    f" (nearest known one: {near[0]})."
+                raise InputError(
+                    f"{self.where}: the key {_short(key)} is not known."
+                    f"{did_you_mean(str(key), known)} Known here: {', '.join(known)}."
                 )
 
     def section(self, key: str) -> YamlSection:
         """Return the mapping under a key."""
-        return YamlSection(self.get(key), f"{self.where}: {key}")
+        return YamlSection(self.get(key), f"{self.where}: {key}", self.folder)
+
+    def sections(self, key: str) -> tuple[YamlSection, ...]:
+        """Return the list of mappings under a key; none where the key is absent."""
+        given = self.get(key) if key in self else []
+        if not isinstance(given, list):
+            raise InputError(f"{self.where}: expected a list for '{key}', got {_short(given)}.")
+        return tuple(
+            YamlSection(entry, f"{self.where}: {key}, entry {number}", self.folder)
+            for number, entry in enumerate(given, start=1)
+        )
 
     def text(self, key: str) -> str:
         """Return the words under a key."""
@@ -120,13 +131,13 @@ class YamlSection:
         return float(value)
 
 
-def read_yaml(path: str | Path, what: str) -> YamlSection:
+def read_yaml(path: Source, what: str) -> YamlSection:
     """Return the contents of a YAML file.
 
     Parameters
     ----------
-    path : path
-        The file.
+    path : path or Text
+        The file, or its contents.
     what : str
         What it is, for messages ("part file").
 
@@ -136,7 +147,7 @@ def read_yaml(path: str | Path, what: str) -> YamlSection:
         Where the file is missing, unreadable, not YAML, or not a mapping.
     """
     text = read_text(path, what)
-    return YamlSection(parse_yaml(text, f"The {what} {path}"), str(path))
+    return YamlSection(parse_yaml(text, f"The {what} {path}"), str(path), folder_of(path))
 
 
 def _short(value: Any) -> str:

@@ -6,18 +6,26 @@ vector of named parameters, so that its covariance can be propagated (docs/stati
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omm_core.errors import InputError
+from omm_core.files.declared import read_optional, read_section
 from omm_core.files.foreign_calibration import refuse_foreign
+from omm_core.files.outside import Source
+from omm_core.files.sensor import (
+    BrownIntrinsics,
+    NamedSensor,
+    PlumbBobIntrinsics,
+    TaperToCamera,
+)
 from omm_core.files.yaml_input import YamlSection, read_yaml
 from omm_core.geometry import RigidTransform
 from omm_core.imaging.lens import BrownPhotogrammetric, Lens, PlumbBob, check_lens
-from omm_core.imaging.taking import Body, Imaging, read_body, read_imaging
+from omm_core.imaging.taking import Body, Imaging
 
 Array = NDArray[np.float64]
 
@@ -121,7 +129,7 @@ class CameraCalibration:
         return [*self.taper_T_camera.translation_mm, *self.taper_T_camera.euler_xyz_rad()]
 
 
-def load_calibration(path: str | Path) -> CameraCalibration:
+def load_calibration(path: Source) -> CameraCalibration:
     """Read ``camera.yaml``.
 
     Raises
@@ -131,29 +139,24 @@ def load_calibration(path: str | Path) -> CameraCalibration:
     """
     refuse_foreign(path)
     root = read_yaml(path, "calibration file")
-    root.warn_unknown(*_FILE_KEYS)
-    camera = root.section("camera")
-    camera.warn_unknown("name", "width_px", "height_px", "pixel_size_mm")
-    lens = _lens(root, camera)
+    root.refuse_unknown(*_FILE_KEYS)
+    sensor = read_section(NamedSensor, root.section("camera"))
+    lens = _lens(root, sensor)
     try:
         check_lens(lens)
     except InputError as error:
         raise InputError(f"{root.where}: intrinsics: {error}") from None
-    taper = root.section("taper_to_camera")
-    taper.warn_unknown("translation_mm", "euler_xyz_rad")
-    alpha, beta, gamma = taper.numbers("euler_xyz_rad", 3)
-    translation_mm = taper.numbers("translation_mm", 3)
-    pose = RigidTransform.from_euler_xyz_rad(alpha, beta, gamma, translation_mm)
+    taper = read_section(TaperToCamera, root.section("taper_to_camera"))
+    alpha, beta, gamma = taper.euler_xyz_rad
+    pose = RigidTransform.from_euler_xyz_rad(alpha, beta, gamma, taper.translation_mm)
     calibration = CameraCalibration(
-        name=camera.text("name"),
+        name=sensor.name,
         lens=lens,
         taper_T_camera=pose,
-        pixel_size_mm=camera.number("pixel_size_mm", above=0.0)
-        if "pixel_size_mm" in camera
-        else None,
+        pixel_size_mm=sensor.pixel_size_mm,
         covariance=np.zeros((0, 0)),
-        imaging=read_imaging(root),
-        body=read_body(root),
+        imaging=read_optional(Imaging, root, "imaging") or Imaging(),
+        body=read_optional(Body, root, "body"),
     )
     if "covariance" not in root:
         return calibration
@@ -161,26 +164,23 @@ def load_calibration(path: str | Path) -> CameraCalibration:
     return replace(calibration, parameters=parameters, covariance=covariance)
 
 
-def _lens(root: YamlSection, camera: YamlSection) -> Lens:
-    size = {name: camera.integer(name, minimum=1) for name in ("width_px", "height_px")}
-    model, values = root.text("model"), root.section("intrinsics")
+def _lens(root: YamlSection, sensor: NamedSensor) -> Lens:
+    model, section = root.text("model"), root.section("intrinsics")
+    width, height = sensor.width_px, sensor.height_px
     if model == "brown_photogrammetric":
-        offset = values.numbers("principal_point_offset_px", 2)
-        coefficients = ("k1_px2", "k2_px4", "p1_px", "p2_px")
-        values.warn_unknown("focal_length_mm", "principal_point_offset_px", *coefficients)
+        told = dataclasses.asdict(read_section(BrownIntrinsics, section))
+        cl0, rw0 = told.pop("principal_point_offset_px")
         return BrownPhotogrammetric(
-            **size,
-            pixel_size_mm=camera.number("pixel_size_mm", above=0.0),
-            focal_length_mm=values.number("focal_length_mm", above=0.0),
-            cl0_px=float(offset[0]),
-            rw0_px=float(offset[1]),
-            **{name: values.number(name) for name in coefficients},  # type: ignore[arg-type]
+            width_px=width,
+            height_px=height,
+            pixel_size_mm=root.section("camera").number("pixel_size_mm"),
+            cl0_px=cl0,
+            rw0_px=rw0,
+            **told,
         )
     if model == "plumb_bob":
-        values.warn_unknown(*_INTRINSICS[PlumbBob])
-        named = {name: values.number(name) for name in _INTRINSICS[PlumbBob][:-1]}
-        k3 = values.number("k3") if "k3" in values else 0.0
-        return PlumbBob(**size, **named, k3=k3)  # type: ignore[arg-type]
+        told = dataclasses.asdict(read_section(PlumbBobIntrinsics, section))
+        return PlumbBob(width_px=width, height_px=height, **told)
     raise InputError(
         f"{root.where}: expected the model 'brown_photogrammetric' or 'plumb_bob', got '{model}'."
     )

@@ -7,9 +7,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 from omm_core.errors import InputError
+from omm_core.files.declared import Reader, number, ordered
 from omm_core.files.yaml_input import YamlSection
+
+
+def _tilt(section: YamlSection, key: str) -> float:
+    tilt = section.number(key, above=0.0)
+    if tilt > math.pi / 2:
+        raise InputError(
+            f"{section.where}: expected {key} up to π/2, got {tilt:g}. Is it in degrees?"
+        )
+    return tilt
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,9 +36,9 @@ class Imaging:
         Largest angle between a target's normal and the ray to the camera.
     """
 
-    exposure_s: float | None = None
-    focus_mm: tuple[float, float] | None = None
-    max_tilt_rad: float | None = None
+    exposure_s: Annotated[float | None, number(above=0.0)] = None
+    focus_mm: Annotated[tuple[float, float] | None, ordered(above=0.0)] = None
+    max_tilt_rad: Annotated[float | None, Reader(_tilt)] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,44 +52,5 @@ class Body:
         From where to where along the axis, taper frame.
     """
 
-    radius_mm: float
-    z_mm: tuple[float, float]
-
-
-def read_imaging(root: YamlSection) -> Imaging:
-    """Return ``imaging``; nothing is limited where it is absent."""
-    if "imaging" not in root:
-        return Imaging()
-    section = root.section("imaging")
-    return Imaging(
-        exposure_s=section.number("exposure_s", above=0.0) if "exposure_s" in section else None,
-        focus_mm=_ordered(section, "focus_mm", above=0.0) if "focus_mm" in section else None,
-        max_tilt_rad=_tilt(section) if "max_tilt_rad" in section else None,
-    )
-
-
-def read_body(root: YamlSection) -> Body | None:
-    """Return ``body``, or None where it is absent: the camera's own point."""
-    if "body" not in root:
-        return None
-    section = root.section("body")
-    return Body(radius_mm=section.number("radius_mm", above=0.0), z_mm=_ordered(section, "z_mm"))
-
-
-def _tilt(section: YamlSection) -> float:
-    tilt = section.number("max_tilt_rad", above=0.0)
-    if tilt > math.pi / 2:
-        raise InputError(
-            f"{section.where}: expected max_tilt_rad up to π/2, got {tilt:g}. Is it in degrees?"
-        )
-    return tilt
-
-
-def _ordered(section: YamlSection, key: str, above: float = -math.inf) -> tuple[float, float]:
-    low, high = (float(v) for v in section.numbers(key, 2))
-    if not above < low < high:
-        least = f" above {above:g}" if math.isfinite(above) else ""
-        raise InputError(
-            f"{section.where}: expected {key} as [smaller, larger]{least}, got [{low:g}, {high:g}]."
-        )
-    return low, high
+    radius_mm: Annotated[float, number(above=0.0)]
+    z_mm: Annotated[tuple[float, float], ordered()]

@@ -95,7 +95,7 @@ def load_fit_file(path: Path) -> FitFile:
     """
     path = path / "fit.yaml" if path.is_dir() else path
     root = read_yaml(path, "fit file")
-    root.warn_unknown(*_ROOT)
+    root.refuse_unknown(*_ROOT)
     least = root.number("minimum_overstock_mm") if "minimum_overstock_mm" in root else 0.0
     return FitFile(
         points=path.parent / root.text("points"),
