@@ -8,8 +8,8 @@ import yaml
 
 from omm_core.errors import InputError
 from omm_core.files.machine import AxisDynamics, Follows, MachineUncertainty, Timing, load_machine
-from omm_core.files.part import load_part
-from omm_core.files.part_writing import part_yaml
+from omm_core.files.outside import Text
+from omm_core.files.part import load_part, part_yaml
 from omm_core.imaging.calibration import load_calibration
 
 MACHINE = """
@@ -30,6 +30,12 @@ PART = {
         {"id": 40, "xyz_mm": [1500, 0, 11], "dot_diameter_mm": 8, "sigma_xyz_mm": 0},
         {"id": 8, "xyz_mm": [1500, 1000, -8], "dot_diameter_mm": 8, "sigma_xyz_mm": [1, 2, 3]},
     ],
+}
+WISHES = {
+    "box_mm": [[0, 0, 0], [1500, 1000, 500]],
+    "nominal": {"translation_mm": [100, None, 50], "euler_xyz_rad": None},
+    "tolerances": {"z_mm": 1, "alpha_rad": 5.0e-5},
+    "jacks": [{"name": "J1", "xyz_mm": [-400, -100, 0], "travel_mm": [-20, 20]}],
 }
 CAMERA = {
     "camera": {"name": "c", "width_px": 2592, "height_px": 1944, "pixel_size_mm": 0.0022},
@@ -101,12 +107,7 @@ def test_no_machine_at_all_is_refused(tmp_path):
 
 
 def test_what_a_part_may_say_besides_is_read(tmp_path):
-    part = load_part(written(tmp_path, PART | {
-        "box_mm": [[0, 0, 0], [1500, 1000, 500]],
-        "nominal": {"translation_mm": [100, None, 50], "euler_xyz_rad": None},
-        "tolerances": {"z_mm": 1, "alpha_rad": 5.0e-5},
-        "jacks": [{"name": "J1", "xyz_mm": [-400, -100, 0], "travel_mm": [-20, 20]}],
-    }))  # fmt: skip
+    part = load_part(written(tmp_path, PART | WISHES))
     assert part.box().tolist() == [[0, 0, 0], [1500, 1000, 500]]
     assert part.nominal is not None
     assert part.nominal.translation_mm == (100.0, None, 50.0)
@@ -132,14 +133,21 @@ def test_no_sigma_is_exact_and_told_while_zero_is_exact(tmp_path):
 def test_the_full_covariance_that_fit_writes_comes_back(tmp_path):
     factor = np.random.default_rng(3).normal(size=(9, 9)) * 0.01
     bare = load_part(written(tmp_path, PART))
-    targets = [dataclasses.replace(target, sigma_xyz_mm=None) for target in bare.targets]
-    text = part_yaml(
-        name="p", target_family="metashape12", targets=targets,
-        covariance_mm2=factor @ factor.T, box_mm=bare.box(),
-    )  # fmt: skip
-    part = load_part(written(tmp_path, text))
+    targets = tuple(dataclasses.replace(target, sigma_xyz_mm=None) for target in bare.targets)
+    given = dataclasses.replace(bare, targets=targets, covariance_mm2=factor @ factor.T)
+    part = load_part(written(tmp_path, part_yaml(given)))
     assert np.allclose(part.target_covariance_mm2(), factor @ factor.T, rtol=1e-9, atol=1e-15)
     assert part.taken_as_exact() == ()
+
+
+def test_all_that_a_part_says_is_written_and_comes_back(tmp_path):
+    first = load_part(written(tmp_path, PART | WISHES))
+    text = part_yaml(first)
+    second = load_part(Text(name="part", content=text.encode()))
+    assert second.nominal == first.nominal
+    assert second.tolerances == first.tolerances
+    assert [jack.travel_mm for jack in second.jacks] == [jack.travel_mm for jack in first.jacks]
+    assert part_yaml(second) == text
 
 
 def test_a_sigma_that_contradicts_the_covariance_is_told(tmp_path, capsys):

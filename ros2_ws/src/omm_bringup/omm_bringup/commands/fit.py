@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Fit, print the overstock of each face, write what was asked for."""
     from omm_core.files.output import write_whole
-    from omm_core.files.part_writing import part_yaml
+    from omm_core.files.part import Part, part_yaml
     from omm_core.files.points import load_points
     from omm_core.overstock.cad import load_faces
     from omm_core.overstock.fit import fit_part
@@ -67,12 +67,12 @@ def run(arguments: argparse.Namespace) -> int:
         write_pictures(arguments.pictures, fit, other)
     refuse(fit)
     if arguments.out is not None:
-        text = part_yaml(
+        part = Part(
             name=file.cad.stem,
             target_family=survey.target_family,
             targets=fit.targets,
             covariance_mm2=fit.covariance_mm2,
             box_mm=fit.box_mm,
         )
-        write_whole(arguments.out, text)
+        write_whole(arguments.out, part_yaml(part))
     return 0

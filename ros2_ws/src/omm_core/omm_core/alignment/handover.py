@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from omm_core.alignment.controls import CONTROLS, Words, control_and_number
 from omm_core.errors import InputError, MeasurementError
 from omm_core.files.part import Part, load_part
-from omm_core.files.yaml_input import read_yaml
 from omm_core.geometry import RigidTransform
 
 Array = NDArray[np.float64]
@@ -67,17 +66,10 @@ def box_of(part_file: Path) -> Box:
     InputError
         Where the file cannot be used.
     """
-    root = read_yaml(part_file, "part file")
-    if "box_mm" not in root:
-        return box_of_targets(load_part(part_file))
-    try:
-        low, high = np.array(root.get("box_mm"), dtype=float).reshape(2, 3)
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"{root.where}: expected box_mm as [[x, y, z], [x, y, z]], got {root.get('box_mm')}."
-        ) from error
-    if not np.all(np.isfinite([low, high])) or np.any(low > high):
-        raise InputError(f"{root.where}: expected box_mm from low to high, got {low}, {high}.")
+    part = load_part(part_file)
+    if part.box_mm is None:
+        return box_of_targets(part)
+    low, high = part.box_mm
     return Box(low_mm=low, high_mm=high, source="box_mm of the part file")
 
 

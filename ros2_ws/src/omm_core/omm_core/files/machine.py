@@ -9,27 +9,28 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.errors import InputError
-from omm_core.files.outside import read_bytes
+from omm_core.files.declared import (
+    direction,
+    file,
+    number,
+    read_optional,
+    read_section,
+    text,
+    truth,
+)
+from omm_core.files.outside import Source, read_bytes
 from omm_core.files.yaml_input import YamlSection, read_yaml
 
 Array = NDArray[np.float64]
 
-_LIMITS = ("velocity", "acceleration", "jerk")
-_KNOWN = {
-    "machine": ("name", "urdf", "up"),
-    "uncertainty": ("stop_sigma_mm", "geometry_sigma_mm", "geometry_length_mm"),
-    "timing": ("settling_s", "image_s"),
-    "axis": (
-        *(f"{name}_{unit}" for name, of in zip(_LIMITS, ("_per_s", "_per_s2", "_per_s3"))
-          for unit in (f"mm{of}", f"rad{of}")),
-        "follows", "tolerance_mm", "tolerance_rad", "ignored",
-    ),
-}  # fmt: skip
+_LIMITS = {"velocity": "s", "acceleration": "s2", "jerk": "s3"}
+_LIMIT_KEYS = tuple(f"{n}_{unit}_per_{per}" for n, per in _LIMITS.items() for unit in ("mm", "rad"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,9 +46,9 @@ class MachineUncertainty:
         ``sigma² exp(-d² / (2 length²))`` between commanded spindle places d apart, each axis.
     """
 
-    stop_sigma_mm: float | None = None
-    geometry_sigma_mm: float | None = None
-    geometry_length_mm: float | None = None
+    stop_sigma_mm: Annotated[float | None, number(least=0.0)] = None
+    geometry_sigma_mm: Annotated[float | None, number(least=0.0)] = None
+    geometry_length_mm: Annotated[float | None, number(above=0.0)] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,8 +73,23 @@ class AxisDynamics:
 class Timing:
     """What a stop costs besides the way there; None where not told."""
 
-    settling_s: float | None = None
-    image_s: float | None = None
+    settling_s: Annotated[float | None, number(least=0.0)] = None
+    image_s: Annotated[float | None, number(least=0.0)] = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Head:
+    urdf: Annotated[Path, file()]
+    name: Annotated[str | None, text()] = None
+    up: Annotated[Array, direction()] = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Axis:
+    follows: Annotated[str | None, text()] = None
+    tolerance_mm: Annotated[float | None, number(above=0.0)] = None
+    tolerance_rad: Annotated[float | None, number(above=0.0)] = None
+    ignored: Annotated[bool, truth()] = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -108,7 +124,7 @@ class Machine:
     timing: Timing = Timing()
 
 
-def load_machine(path: str | Path) -> Machine:
+def load_machine(path: Source) -> Machine:
     """Read a machine.yaml or a URDF; the URDF itself is not opened here.
 
     Raises
@@ -116,28 +132,26 @@ def load_machine(path: str | Path) -> Machine:
     InputError
         Where the file cannot be read, or says something else than the contract has.
     """
-    path = Path(path)
     if _is_xml(path):
-        return Machine(name=path.stem, urdf=path)
+        return Machine(name=Path(str(path)).stem, urdf=Path(str(path)))
     root = read_yaml(path, "machine.yaml (or URDF)")
     root.refuse_unknown("machine", "uncertainty", "axes", "timing")
-    machine = root.section("machine")
-    _tell_unknown(machine, "machine")
+    head = read_section(_Head, root.section("machine"))
     axes = root.section("axes") if "axes" in root else None
     follows, ignored, dynamics = _axes(axes) if axes else ({}, frozenset(), {})
     return Machine(
-        name=machine.text("name") if "name" in machine else path.stem,
-        urdf=path.parent / machine.text("urdf"),
-        up=_up(machine),
-        uncertainty=_uncertainty(root),
+        name=head.name or Path(str(path)).stem,
+        urdf=head.urdf,
+        up=head.up,
+        uncertainty=read_optional(MachineUncertainty, root, "uncertainty") or MachineUncertainty(),
         dynamics=dynamics,
         follows=follows,
         ignored=ignored,
-        timing=_timing(root),
+        timing=read_optional(Timing, root, "timing") or Timing(),
     )
 
 
-def _is_xml(path: Path) -> bool:
+def _is_xml(path: Source) -> bool:
     """Return whether the file is XML.
 
     A file that is not UTF-8 text counts as XML, which declares its own encoding.
@@ -146,51 +160,6 @@ def _is_xml(path: Path) -> bool:
     if start[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return True
     return start.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"<")
-
-
-def _tell_unknown(section: YamlSection, kind: str) -> None:
-    """Warn of keys that nothing reads: a misspelt one would be taken as not told."""
-    section.refuse_unknown(*_KNOWN[kind])
-
-
-def _up(machine: YamlSection) -> Array:
-    up = machine.numbers("up", 3) if "up" in machine else np.array([0.0, 0.0, 1.0])
-    length = float(np.linalg.norm(up))
-    if length < 1e-9:
-        raise InputError(f"{machine.where}: expected 'up' with a direction, got {up}.")
-    return np.asarray(up / length)
-
-
-def _not_negative(section: YamlSection, key: str) -> float | None:
-    if key not in section:
-        return None
-    value = section.number(key)
-    if value < 0.0:
-        raise InputError(f"{section.where}: expected {key} >= 0, got {value:g}.")
-    return value
-
-
-def _uncertainty(root: YamlSection) -> MachineUncertainty:
-    if "uncertainty" not in root:
-        return MachineUncertainty()
-    section = root.section("uncertainty")
-    _tell_unknown(section, "uncertainty")
-    length = "geometry_length_mm"
-    return MachineUncertainty(
-        stop_sigma_mm=_not_negative(section, "stop_sigma_mm"),
-        geometry_sigma_mm=_not_negative(section, "geometry_sigma_mm"),
-        geometry_length_mm=section.number(length, above=0.0) if length in section else None,
-    )
-
-
-def _timing(root: YamlSection) -> Timing:
-    if "timing" not in root:
-        return Timing()
-    section = root.section("timing")
-    _tell_unknown(section, "timing")
-    return Timing(
-        settling_s=_not_negative(section, "settling_s"), image_s=_not_negative(section, "image_s")
-    )
 
 
 def _axes(
@@ -202,13 +171,13 @@ def _axes(
     for name in axes.values:
         if name not in axes:  # "X:" with nothing behind it
             continue
-        axis = axes.section(name)
-        _tell_unknown(axis, "axis")
-        if "follows" in axis:
-            follows[str(name)] = _follows(str(name), axis)
-        if _is_ignored(axis):
+        section = axes.section(name)
+        axis = read_section(_Axis, section, also=_LIMIT_KEYS)
+        if axis.follows is not None:
+            follows[str(name)] = _follows(str(name), axis, section.where)
+        if axis.ignored:
             ignored.add(str(name))
-        told = {key: _limit(axis, key, unit) for key, unit in zip(_LIMITS, ("s", "s2", "s3"))}
+        told = {key: _limit(section, key, per) for key, per in _LIMITS.items()}
         if any(value is not None for value in told.values()):
             dynamics[str(name)] = AxisDynamics(**told)
     both = sorted(ignored & {*follows, *(f.leader for f in follows.values())})
@@ -226,18 +195,8 @@ def _limit(axis: YamlSection, name: str, per: str) -> float | None:
     return axis.number(keys[0], above=0.0) if keys else None
 
 
-def _follows(name: str, axis: YamlSection) -> Follows:
-    leader = axis.text("follows")
-    if leader == name:
-        raise InputError(f"{axis.where}: expected another axis to follow, got itself.")
-    for key in ("tolerance_mm", "tolerance_rad"):
-        if key in axis:
-            return Follows(leader=leader, tolerance=axis.number(key, above=0.0))
-    return Follows(leader=leader)
-
-
-def _is_ignored(axis: YamlSection) -> bool:
-    value = axis.values.get("ignored", False)
-    if not isinstance(value, bool):
-        raise InputError(f"{axis.where}: expected true or false for 'ignored', got {value!r}.")
-    return value
+def _follows(name: str, axis: _Axis, where: str) -> Follows:
+    if axis.follows == name:
+        raise InputError(f"{where}: expected another axis to follow, got itself.")
+    tolerance = axis.tolerance_rad if axis.tolerance_mm is None else axis.tolerance_mm
+    return Follows(leader=str(axis.follows), tolerance=tolerance)

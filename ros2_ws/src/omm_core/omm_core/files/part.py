@@ -6,30 +6,35 @@ photogrammetry outside the machine, best-fitted to the CAD surfaces.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.errors import InputError, warn
-from omm_core.files.wishes import (
-    Jack,
-    Nominal,
-    read_box,
-    read_jacks,
-    read_nominal,
-    read_tolerances,
+from omm_core.files.declared import (
+    Reader,
+    choice,
+    direction,
+    each,
+    expect_once,
+    integer,
+    number,
+    numbers,
+    part_of,
+    per_axis,
+    read_section,
+    write_section,
 )
+from omm_core.files.outside import Source
+from omm_core.files.wishes import BOX, TOLERANCES, Jack, Nominal
 from omm_core.files.yaml_input import YamlSection, read_yaml
 
 Array = NDArray[np.float64]
 
-_KEYS = (
-    "part", "target_family", "targets", "covariance_mm2", "box_mm", "nominal", "tolerances", "jacks"
-)  # fmt: skip
+FAMILIES = ("aicon12", "aicon14", "metashape12", "metashape14")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,11 +56,54 @@ class Target:
         exact, and the result says so. Zeros: exact, nothing said.
     """
 
-    id: int
-    xyz_mm: Array
-    dot_diameter_mm: float
-    normal: Array | None = None
-    sigma_xyz_mm: Array | None = None
+    id: Annotated[int, integer(minimum=1)]
+    xyz_mm: Annotated[Array, numbers(3, digits=6)]
+    dot_diameter_mm: Annotated[float, number(above=0.0)]
+    normal: Annotated[Array | None, direction()] = None
+    sigma_xyz_mm: Annotated[Array | None, per_axis(least=0.0, digits=6)] = None
+
+
+def _name(root: YamlSection, key: str) -> str:
+    return root.section(key).text("name")
+
+
+def _targets(root: YamlSection, key: str) -> tuple[Target, ...]:
+    entries = root.sections(key)
+    if not entries:
+        raise InputError(f"{root.where}: expected a list of targets with at least one entry.")
+    targets = tuple(_target(entry) for entry in entries)
+    expect_once([target.id for target in targets], f"{root.where}: {key}", "target id")
+    return targets
+
+
+def _target(entry: YamlSection) -> Target:
+    """Read a target; what is wrong with it is told with its number as well."""
+    identifier = entry.integer("id", minimum=1)
+    return read_section(Target, entry.renamed(f"{entry.where} (id {identifier})"))
+
+
+def _covariance(root: YamlSection, key: str) -> Array:
+    """Read the covariance, (3T, 3T) in the order of the targets."""
+    rows, size = root.get(key), 3 * len(root.sections("targets"))
+    if not isinstance(rows, list) or len(rows) != size:
+        got = len(rows) if isinstance(rows, list) else rows
+        raise InputError(
+            f"{root.where}: expected '{key}' with {size} rows, three for each target, got {got}."
+            " Take a target's rows and columns out with it."
+        )
+    named = YamlSection(
+        {f"row {i}": row for i, row in enumerate(rows, start=1)}, f"{root.where}: {key}"
+    )
+    matrix = np.array([named.numbers(f"row {i}", size) for i in range(1, size + 1)])
+    sigma = np.sqrt(np.abs(np.diag(matrix)))
+    scale = np.where(np.outer(sigma, sigma) > 0.0, np.outer(sigma, sigma), 1.0)
+    if np.any(np.abs(matrix - matrix.T) > 1e-6 * scale) or (
+        np.linalg.eigvalsh((matrix + matrix.T) / (2 * scale)).min() < -1e-6
+    ):
+        raise InputError(
+            f"{root.where}: expected {key} to be symmetric without negative variances."
+        )
+    return (matrix + matrix.T) / 2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,14 +124,14 @@ class Part:
     jacks : tuple of Jack
     """
 
-    name: str
-    target_family: str
-    targets: tuple[Target, ...]
-    covariance_mm2: Array | None = None
-    box_mm: Array | None = None
-    nominal: Nominal | None = None
-    tolerances: Mapping[str, float] = field(default_factory=dict)
-    jacks: tuple[Jack, ...] = ()
+    name: Annotated[str, Reader(_name, lambda name: {"name": name}), "part"]
+    target_family: Annotated[str, choice(*FAMILIES)]
+    targets: Annotated[tuple[Target, ...], Reader(_targets, each(Target).write)]
+    covariance_mm2: Annotated[Array | None, Reader(_covariance, np.ndarray.tolist)] = None
+    box_mm: Annotated[Array | None, BOX] = None
+    nominal: Annotated[Nominal | None, part_of(Nominal)] = None
+    tolerances: Annotated[Mapping[str, float], TOLERANCES] = field(default_factory=dict)
+    jacks: Annotated[tuple[Jack, ...], each(Jack, once="name")] = ()
 
     def box(self) -> Array:
         """Return lowest and highest corner, (2, 3): the file's box, else that of the targets."""
@@ -133,7 +181,7 @@ class Part:
         return None if spread[1] < 1e-6 * spread[0] else np.asarray(axes[2])
 
 
-def load_part(path: str | Path) -> Part:
+def load_part(path: Source) -> Part:
     """Read ``part.yaml``.
 
     Raises
@@ -142,65 +190,28 @@ def load_part(path: str | Path) -> Part:
         Where the file is missing or malformed, a number is bad, or an id stands there twice.
     """
     root = read_yaml(path, "part file")
-    root.refuse_unknown(*_KEYS)
-    entries = root.get("targets")
-    if not isinstance(entries, list) or not entries:
-        raise InputError(f"{root.where}: expected a list of targets with at least one entry.")
-    targets = tuple(
-        _target(YamlSection(entry, f"{root.where}: targets, entry {number}"))
-        for number, entry in enumerate(entries, start=1)
-    )
-    ids = [target.id for target in targets]
-    twice = sorted(i for i, number in Counter(ids).items() if number > 1)[:10]
-    if twice:
-        raise InputError(
-            f"{root.where}: expected each target id once, got"
-            f" {', '.join(str(i) for i in twice)} more than once."
-        )
-    return Part(
-        name=root.section("part").text("name"),
-        target_family=_family(root),
-        targets=targets,
-        covariance_mm2=_covariance(root, targets) if "covariance_mm2" in root else None,
-        box_mm=read_box(root),
-        nominal=read_nominal(root),
-        tolerances=read_tolerances(root),
-        jacks=read_jacks(root),
+    part = read_section(Part, root)
+    if part.covariance_mm2 is not None:
+        _tell_disagreement(root, part.targets, np.sqrt(np.diag(part.covariance_mm2)))
+    return part
+
+
+def part_yaml(part: Part) -> str:
+    """Return the ``part.yaml`` from which `load_part` makes this part."""
+    import yaml
+
+    return str(
+        yaml.safe_dump(write_section(part), sort_keys=False, default_flow_style=None, width=100)
     )
 
 
-def looks_like_part(path: str | Path) -> bool:
+def looks_like_part(path: Source) -> bool:
     """Return whether a file is YAML with a part's keys, so that its errors concern a part."""
     try:
         values = read_yaml(path, "part file").values
     except InputError:
         return False
     return {"part", "targets"} <= set(values)
-
-
-def _covariance(root: YamlSection, targets: tuple[Target, ...]) -> Array:
-    """Read ``covariance_mm2``, (3T, 3T) in the order of the targets."""
-    rows, size = root.get("covariance_mm2"), 3 * len(targets)
-    if not isinstance(rows, list) or len(rows) != size:
-        got = len(rows) if isinstance(rows, list) else rows
-        raise InputError(
-            f"{root.where}: expected 'covariance_mm2' with {size} rows, three for each target, got"
-            f" {got}. Take a target's rows and columns out with it."
-        )
-    named = YamlSection(
-        {f"row {i}": row for i, row in enumerate(rows, start=1)}, f"{root.where}: covariance_mm2"
-    )
-    matrix = np.array([named.numbers(f"row {i}", size) for i in range(1, size + 1)])
-    sigma = np.sqrt(np.abs(np.diag(matrix)))
-    scale = np.where(np.outer(sigma, sigma) > 0.0, np.outer(sigma, sigma), 1.0)
-    if np.any(np.abs(matrix - matrix.T) > 1e-6 * scale) or (
-        np.linalg.eigvalsh((matrix + matrix.T) / (2 * scale)).min() < -1e-6
-    ):
-        raise InputError(
-            f"{root.where}: expected covariance_mm2 to be symmetric without negative variances."
-        )
-    _tell_disagreement(root, targets, sigma)
-    return (matrix + matrix.T) / 2
 
 
 def _tell_disagreement(root: YamlSection, targets: tuple[Target, ...], sigma_mm: Array) -> None:
@@ -211,45 +222,3 @@ def _tell_disagreement(root: YamlSection, targets: tuple[Target, ...], sigma_mm:
                 f"{root.where}: target {target.id}: sigma_xyz_mm {told} is not what covariance_mm2"
                 f" says ({np.round(of_matrix, 6)}); the latter is used."
             )
-
-
-def _family(root: YamlSection) -> str:
-    known = ("aicon12", "aicon14", "metashape12", "metashape14")
-    family = root.text("target_family")
-    if family not in known:
-        raise InputError(
-            f"{root.where}: expected a target_family out of {', '.join(known)}, got '{family}'."
-        )
-    return family
-
-
-def _target(entry: YamlSection) -> Target:
-    entry.refuse_unknown("id", "xyz_mm", "dot_diameter_mm", "normal", "sigma_xyz_mm")
-    target_id = entry.integer("id", minimum=1)
-    named = YamlSection(entry.values, f"{entry.where} (id {target_id})")
-    return Target(
-        id=target_id,
-        xyz_mm=named.numbers("xyz_mm", 3),
-        dot_diameter_mm=named.number("dot_diameter_mm", above=0.0),
-        normal=_unit_normal(named) if "normal" in named else None,
-        sigma_xyz_mm=_sigma(named) if "sigma_xyz_mm" in named else None,
-    )
-
-
-def _unit_normal(entry: YamlSection) -> Array:
-    normal = entry.numbers("normal", 3)
-    length = float(np.linalg.norm(normal))
-    if length < 1e-6:
-        raise InputError(f"{entry.where}: expected a normal with a direction, got {normal}.")
-    return normal / length
-
-
-def _sigma(entry: YamlSection) -> Array:
-    """Read one standard deviation for all axes, or one for each."""
-    if isinstance(entry.get("sigma_xyz_mm"), list):
-        sigma = entry.numbers("sigma_xyz_mm", 3)
-    else:
-        sigma = np.full(3, entry.number("sigma_xyz_mm"))
-    if np.any(sigma < 0.0):
-        raise InputError(f"{entry.where}: expected sigma_xyz_mm >= 0, got {sigma}.")
-    return sigma

@@ -60,6 +60,10 @@ class YamlSection:
                     f"{did_you_mean(str(key), known)} Known here: {', '.join(known)}."
                 )
 
+    def renamed(self, where: str) -> YamlSection:
+        """Return the same section, called otherwise in messages."""
+        return YamlSection(self.values, where, self.folder)
+
     def section(self, key: str) -> YamlSection:
         """Return the mapping under a key."""
         return YamlSection(self.get(key), f"{self.where}: {key}", self.folder)
