@@ -22,6 +22,7 @@ from omm_camera_driver.drivers.simulated.true_poses import TruePoses
 from omm_camera_driver.parameters import Parameters, camera_settings
 from omm_camera_driver.worker import CameraWorker, State, Status
 from omm_core.errors import DeviceError, InputError, OmmError
+from omm_core.words import Words, keyed, verbatim
 from omm_ros import qos, topics
 from omm_ros.conversions import image_message, time_from_ns
 from omm_ros.diagnostics import ERROR, OK, WARN, Diagnostics, Health
@@ -236,9 +237,18 @@ class CameraNode(LifecycleNode):
 
     def _health(self) -> Health:
         if self._worker is None:
-            return Health(level=WARN, message="not configured")
+            return Health(level=WARN, message=keyed("said.not_configured", "not configured"))
         status = self._worker.status()
         return Health(level=_level(status), message=_summary(status), values=_values(status))
+
+
+_STATES = {
+    State.INACTIVE: keyed("said.camera_inactive", "inactive"),
+    State.ABSENT: keyed("said.camera_absent", "absent"),
+    State.OPENING: keyed("said.camera_opening", "opening"),
+    State.STREAMING: keyed("said.camera_streaming", "streaming"),
+    State.LOST: keyed("said.camera_lost", "lost"),
+}
 
 
 def _level(status: Status) -> bytes:
@@ -249,8 +259,13 @@ def _level(status: Status) -> bytes:
     return WARN if status.problem else OK
 
 
-def _summary(status: Status) -> str:
-    return status.problem or f"{status.state.value}"
+def _summary(status: Status) -> Words:
+    return _words_of(status.problem) if status.problem else _STATES[status.state]
+
+
+def _words_of(problem: str) -> Words:
+    """Return a driver's problem: with its key, or as its library said it."""
+    return problem if isinstance(problem, Words) else verbatim(problem)
 
 
 def _values(status: Status) -> dict[str, object]:

@@ -26,6 +26,7 @@ from omm_camera_driver.driver import (
     Trigger,
 )
 from omm_core.errors import DeviceError, InputError, OmmError
+from omm_core.words import of_error
 
 # A camera that came back must be in use again within 2 s, so it is looked for more often.
 _RETRY_S = 0.25
@@ -176,7 +177,7 @@ class CameraWorker:
                 self._connect(driver)
                 self._stream(driver)
             except OmmError as error:
-                self._failed(str(error))
+                self._failed(of_error(error))
             except Exception as error:  # a driver's defect must not end the camera for good
                 if self._failed(f"{type(error).__name__} in the driver: {error}"):
                     traceback.print_exc()
@@ -298,7 +299,7 @@ class CameraWorker:
             frame = driver.next_frame(_WAIT_FOR_FRAME_S)
         except FrameLost as error:
             news = not self._status.problem
-            self._status = replace(self._status, problem=str(error))
+            self._status = replace(self._status, problem=of_error(error))
             if news:
                 self._listener.on_problem(str(error))
             frame = None

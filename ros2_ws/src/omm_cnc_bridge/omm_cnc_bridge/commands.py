@@ -18,8 +18,12 @@ from omm_cnc_bridge import control as controls
 from omm_cnc_bridge.control import Control, HasOffsets, StartsPrograms, TakesBlocks
 from omm_cnc_bridge.parameters import Parameters
 from omm_core.errors import DeviceError
+from omm_core.words import Words, beside, keyed, of_error
 from omm_ros.conversions import MM_PER_M
 
+_ONLY_READS = keyed(
+    "said.no_allow", "allow_commands is false: the bridge only reads; start it with true"
+)
 CONNECT_PATIENCE_S = 15.0  # for a control that is just being started
 
 
@@ -39,8 +43,8 @@ class Commands:
         node: Node,
         control: Control,
         p: Parameters,
-        trouble: Callable[[], str],
-        unrest: Callable[[], str],
+        trouble: Callable[[], Words],
+        unrest: Callable[[], Words],
     ) -> None:
         self._control, self._p, self._trouble, self._unrest = control, p, trouble, unrest
         self._context = node.context
@@ -78,9 +82,11 @@ class Commands:
         """Return whether the program was started, and why not."""
         control = self._control
         if not (self.is_simulated or self._p.allow_commands):
-            return False, "allow_commands is false: start the program at the control"
+            return False, keyed(
+                "said.no_start", "allow_commands is false: start the program at the control"
+            )
         if trouble := self._trouble():
-            return False, f"{self._p.control} is not connected: {trouble}"
+            return False, self._not_connected(trouble)
         if not isinstance(control, StartsPrograms):
             return False, f"control {self._p.control} cannot be told to start programs"
         try:
@@ -96,11 +102,11 @@ class Commands:
         if not isinstance(control, TakesBlocks):
             return False, f"control {self._p.control} takes no blocks (MDI); linuxcnc does"
         if not self._p.allow_commands:
-            return False, "allow_commands is false: the bridge only reads; start it with true"
+            return False, _ONLY_READS
         if not text.strip() or "\n" in text:
             return False, f"expected one block, got {text!r}"
         if trouble := self._trouble():
-            return False, f"{self._p.control} is not connected: {trouble}"
+            return False, self._not_connected(trouble)
         try:
             control.mdi(text, self._p.mdi_timeout_s)
         except DeviceError as error:
@@ -110,22 +116,44 @@ class Commands:
     def work_offset(self, name: str) -> controls.WorkOffset:
         """Return a work offset. Raises DeviceError where the control does not tell it."""
         if not isinstance(self._control, HasOffsets):
-            raise DeviceError(f"control {self._p.control} does not tell its offsets")
+            raise DeviceError(
+                keyed(
+                    "said.no_offsets_told",
+                    "control {control} does not tell its offsets",
+                    control=self._p.control,
+                )
+            )
         if trouble := self._trouble():
-            raise DeviceError(f"{self._p.control} is not connected: {trouble}")
+            raise DeviceError(self._not_connected(trouble))
         return self._control.work_offset(name)
 
     def set_work_offset(self, offset: controls.WorkOffset) -> controls.WorkOffset:
         """Write a work offset and return what was read back. Raises DeviceError with why not."""
         if not isinstance(self._control, HasOffsets):
-            raise DeviceError(f"control {self._p.control} takes no offsets")
+            raise DeviceError(
+                keyed(
+                    "said.no_offsets_taken",
+                    "control {control} takes no offsets",
+                    control=self._p.control,
+                )
+            )
         if not (self.is_simulated or self._p.allow_commands):
-            raise DeviceError("allow_commands is false: the bridge only reads; start it with true")
+            raise DeviceError(_ONLY_READS)
         if why := self._trouble():
-            raise DeviceError(f"{self._p.control} is not connected: {why}")
+            raise DeviceError(self._not_connected(why))
         if why := self._unrest():
-            raise DeviceError(f"the machine is not at rest: {why}")
+            raise DeviceError(
+                keyed("said.not_at_rest", "the machine is not at rest: {why}", why=why)
+            )
         return self._control.set_work_offset(offset, self._p.mdi_timeout_s)
+
+    def _not_connected(self, why: Words) -> Words:
+        return keyed(
+            "said.not_connected",
+            "{control} is not connected: {why}",
+            control=self._p.control,
+            why=why,
+        )
 
     def _on_work_offset(
         self, request: WorkOffset.Request, response: WorkOffset.Response
@@ -137,7 +165,8 @@ class Commands:
                 else self.work_offset(request.name)
             )
         except DeviceError as error:
-            response.success, response.message = False, str(error)
+            told = of_error(error)
+            response.success, response.message, response.said = False, told, beside(told)
             response.position = response.euler_xyz = np.full(3, np.nan)
             return response
         response.success = True

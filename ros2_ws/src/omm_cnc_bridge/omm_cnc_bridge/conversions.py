@@ -11,10 +11,12 @@ from omm_cnc_bridge.control import Connection
 from omm_cnc_bridge.judgement import Judgement
 from omm_core.geometry import RigidTransform
 from omm_core.machine.kinematics import Machine
+from omm_core.words import Words, beside, keyed
 from omm_ros.conversions import MM_PER_M, pose_from_transform, time_from_ns, transform_message
 
 MACHINE_FRAME = "machine"
 SPINDLE_FRAME = "spindle"
+NO_SAMPLE = keyed("said.no_sample", "no sample yet")
 
 
 def pose_message(stamp_ns: int, machine_T_spindle: RigidTransform) -> PoseStamped:
@@ -35,18 +37,19 @@ def spindle_transform(stamp_ns: int, machine_T_spindle: RigidTransform) -> Trans
 
 
 def state_message(
-    control: str, connection: Connection, detail: str, judged: Judgement | None, machine: Machine
+    control: str, connection: Connection, detail: Words, judged: Judgement | None, machine: Machine
 ) -> SpindleState:
     """Return the control's state as of the last sample; it is current only while connected."""
     message = SpindleState(
         control=control,
         connection=int(connection),
         connection_detail=detail,
+        connection_said=beside(detail),
         program_line=-1,
         spindle_angle=math.nan,
     )
     message.header.frame_id = MACHINE_FRAME
-    message.moving_reason = detail or "no sample yet"
+    _set_moving(message, detail or NO_SAMPLE)
     if judged is None:
         return message
     sample = judged.sample
@@ -64,10 +67,14 @@ def state_message(
         message.axis_positions.append(judged.axes.get(axis, math.nan) * scale)
         message.axis_commanded.append(sample.commanded.get(axis, math.nan) * scale)
     message.in_position = connected and not judged.moving_reason
-    message.moving_reason = judged.moving_reason if connected else detail
+    _set_moving(message, judged.moving_reason if connected else detail)
     message.measure_requested = connected and sample.measure_request is not None
     message.measure_request = sample.measure_request or 0
     return message
+
+
+def _set_moving(message: SpindleState, why: Words) -> None:
+    message.moving_reason, message.moving_said = why, beside(why)
 
 
 def found_targets(message: TargetObservations) -> dict[int, tuple[NDArray[np.float64], float]]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from omm_cnc_bridge.control import ControlSample
+from omm_core.words import NOTHING, Words, keyed, sentences, verbatim
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,12 +47,12 @@ Action = Trigger | Acknowledge | None
 
 
 class _Step(Enum):
-    IDLE = "no image asked for"
-    SETTLING = "waiting for standstill"
-    EXPOSING = "waiting for the camera"
-    HOLDING = "waiting for the poses after the image"
-    DONE = "answered"
-    FAILED = "given up"
+    IDLE = keyed("said.step_idle", "no image asked for")
+    SETTLING = keyed("said.step_settling", "waiting for standstill")
+    EXPOSING = keyed("said.step_exposing", "waiting for the camera")
+    HOLDING = keyed("said.step_holding", "waiting for the poses after the image")
+    DONE = keyed("said.step_done", "answered")
+    FAILED = keyed("said.step_failed", "given up")
 
 
 class Handshake:
@@ -81,7 +82,7 @@ class Handshake:
         self._image_ns = 0
         self.acknowledged = 0
         """Last request that was answered."""
-        self.trouble = ""
+        self.trouble = NOTHING
         """What went wrong with the present request; empty while nothing did."""
 
     @property
@@ -90,9 +91,10 @@ class Handshake:
         return self._request
 
     @property
-    def status(self) -> str:
+    def status(self) -> Words:
         """What is being waited for, with what went wrong so far."""
-        return f"{self._step.value}; {self.trouble}" if self.trouble else self._step.value
+        step: Words = self._step.value
+        return sentences([step, self.trouble]) if self.trouble else step
 
     def sample(self, sample: ControlSample, rest_since_ns: int | None, now_ns: int) -> Action:
         """Take in one judged sample.
@@ -107,7 +109,8 @@ class Handshake:
         if self._step is _Step.SETTLING and rest_since_ns is not None:
             return self._trigger(now_ns) if now_ns >= self._not_before_ns else None
         if self._step is _Step.EXPOSING and now_ns > self._deadline_ns:
-            self._failed("the camera did not answer in time", now_ns)
+            late = keyed("said.camera_late", "the camera did not answer in time")
+            self._failed(late, now_ns)
         if self._step is _Step.HOLDING:
             return self._hold(sample.stamp_ns, rest_since_ns, now_ns)
         return None
@@ -117,7 +120,8 @@ class Handshake:
         if self._step is not _Step.EXPOSING or attempt != self._attempt:
             return  # too late: that attempt was given up, or the program asks no more
         if stamp_ns is None:
-            self._failed(f"camera: {message}", now_ns)
+            told = keyed("said.camera_says", "camera: {why}", why=verbatim(message))
+            self._failed(told, now_ns)
         else:
             self._image_ns = stamp_ns
             self._step = _Step.HOLDING
@@ -125,13 +129,15 @@ class Handshake:
     def refused(self, message: str, now_ns: int) -> None:
         """Note that the control did not take the acknowledgement, to try again."""
         if self._step is _Step.DONE:
-            self.trouble = f"acknowledgement: {message}"
+            self.trouble = keyed(
+                "said.not_acknowledged", "acknowledgement: {why}", why=verbatim(message)
+            )
             self._step = _Step.HOLDING
 
     def _begin(self, request: int | None) -> None:
         self._request = request
         self._step = _Step.IDLE if request is None else _Step.SETTLING
-        self._tries, self._not_before_ns, self.trouble = 0, 0, ""
+        self._tries, self._not_before_ns, self.trouble = 0, 0, NOTHING
 
     def _trigger(self, now_ns: int) -> Trigger:
         self._attempt += 1
@@ -142,7 +148,8 @@ class Handshake:
 
     def _hold(self, stamp_ns: int, rest_since_ns: int | None, now_ns: int) -> Action:
         if rest_since_ns is None or rest_since_ns > self._image_ns:
-            self._failed("the spindle moved during the exposure", now_ns)
+            moved = keyed("said.moved_exposing", "the spindle moved during the exposure")
+            self._failed(moved, now_ns)
             return None
         if stamp_ns < self._image_ns + self._limits.hold_ns or self._request is None:
             return None
@@ -152,7 +159,13 @@ class Handshake:
         self.acknowledged = self._request
         return Acknowledge(request=self._request, image_ns=self._image_ns)
 
-    def _failed(self, why: str, now_ns: int) -> None:
-        self.trouble = f"{why} (attempt {self._tries} of {self._limits.attempts})"
+    def _failed(self, why: Words, now_ns: int) -> None:
+        self.trouble = keyed(
+            "said.attempt",
+            "{why} (attempt {n} of {most})",
+            why=why,
+            n=self._tries,
+            most=self._limits.attempts,
+        )
         self._not_before_ns = now_ns + self._limits.retry_ns
         self._step = _Step.SETTLING if self._tries < self._limits.attempts else _Step.FAILED

@@ -14,6 +14,7 @@ from omm_cnc_bridge.standstill import StandStill, StandStillLimits
 from omm_core.errors import InputError
 from omm_core.geometry import RigidTransform
 from omm_core.machine.kinematics import Machine
+from omm_core.words import Words, keyed, of_error, verbatim
 
 
 class Reported(Enum):
@@ -44,9 +45,9 @@ class Judgement:
     axes: Mapping[str, float]
     """Axis positions, mm or rad; found from the tool point where the control reports that."""
     machine_T_spindle: RigidTransform | None
-    refused: str
+    refused: Words
     """Why there is no pose; empty where there is one."""
-    moving_reason: str
+    moving_reason: Words
     """Why the spindle is not known to stand still; empty where it is."""
     rest_since_ns: int | None
     age_ns: int
@@ -84,7 +85,7 @@ class Judge:
                 axes = self._axes(own)
                 pose = self.machine.machine_T_spindle(axes)
             except InputError as error:
-                refused = str(error)
+                refused = of_error(error)
                 self.refusals["kinematics"] += 1
         if refused:
             self._still.forget()  # nothing is known of the time that it stood for
@@ -105,23 +106,32 @@ class Judge:
         """Start anew, as after a lost connection."""
         self._still.forget()
 
-    def _refused(self, sample: ControlSample, age_ns: int) -> str:
+    def _refused(self, sample: ControlSample, age_ns: int) -> Words:
         if sample.fault:
             self.refusals["fault"] += 1
-            return sample.fault
+            return verbatim(sample.fault)
         if sample.stamp_ns <= self._last_ns:
             self.refusals["out of order"] += 1
-            return f"stamp not after the one before ({sample.stamp_ns - self._last_ns} ns)"
+            return keyed(
+                "said.out_of_order",
+                "stamp not after the one before ({ns} ns)",
+                ns=sample.stamp_ns - self._last_ns,
+            )
         if sample.stamp_uncertainty_ns > self._limits.stamp_uncertainty_ns:
             self.refusals["clock uncertain"] += 1
-            known_ms = sample.stamp_uncertainty_ns / 1e6
-            return f"the control's clock is known to {known_ms:.1f} ms only, wait"
+            return keyed(
+                "said.clock_uncertain",
+                "the control's clock is known to {ms} ms only, wait",
+                ms=f"{sample.stamp_uncertainty_ns / 1e6:.1f}",
+            )
         if age_ns > self._limits.age_ns:
             self.refusals["late"] += 1
-            return f"late by {age_ns / 1e9:.3f} s"
+            return keyed("said.late", "late by {s} s", s=f"{age_ns / 1e9:.3f}")
         if age_ns < -self._limits.stamp_uncertainty_ns:
             self.refusals["future"] += 1
-            return f"stamped {-age_ns / 1e9:.3f} s in the future"
+            return keyed(
+                "said.in_the_future", "stamped {s} s in the future", s=f"{-age_ns / 1e9:.3f}"
+            )
         refusal = self.machine.rules.refusal(
             sample.positions, sample.unusable, sample.followers, self._known()
         )

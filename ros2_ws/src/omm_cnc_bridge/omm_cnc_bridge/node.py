@@ -35,13 +35,20 @@ from omm_cnc_bridge.refusal_log import RefusalLog
 from omm_cnc_bridge.standstill import StandStillLimits
 from omm_core.errors import DeviceError
 from omm_core.machine.kinematics import Machine
+from omm_core.words import NOTHING, Words, keyed, of_error, sentences
 from omm_ros import qos, topics
 from omm_ros.conversions import stamp_ns
-from omm_ros.diagnostics import ERROR, OK, WARN, Diagnostics, Health
+from omm_ros.diagnostics import ERROR, FINE, OK, WARN, Diagnostics, Health
 from omm_ros.frames import prefixed
 from omm_ros.node_main import run_node
 from omm_ros.parameters import declare
 
+_NOT_YET = keyed("said.not_connected_yet", "not connected yet")
+_BUSY = {
+    ProgramState.RUNNING: keyed("said.program_running", "program running"),
+    ProgramState.WAITING: keyed("said.program_waiting", "program waiting"),
+    ProgramState.INTERRUPTED: keyed("said.program_interrupted", "program interrupted"),
+}
 TF_RATE_HZ = 30.0
 END_PATIENCE_S = 1.0  # for a connection that is just being made; it is given up with the process
 
@@ -57,7 +64,7 @@ class CncBridgeNode(Node):
         self._leading = Leading(self, self._control, p, machine)
         self._handshake = _make_handshake(p, self._leading)
         self._lock = threading.Lock()  # around the handshake
-        self._connection, self._detail = Connection.DISCONNECTED, "not connected yet"
+        self._connection, self._detail = Connection.DISCONNECTED, _NOT_YET
         self._judged: Judgement | None = None
         self._heard_s = 0.0
         self._state_due_s = self._tf_due_s = 0.0
@@ -118,7 +125,7 @@ class CncBridgeNode(Node):
     def _run_connection(self) -> None:
         """Connect, and read until the connection is lost."""
         try:
-            self._set_connection(Connection.CONNECTING, "no sample yet")
+            self._set_connection(Connection.CONNECTING, conversions.NO_SAMPLE)
             self._control.connect()
             self._leading.connected()
             while self._is_wanted():
@@ -146,7 +153,7 @@ class CncBridgeNode(Node):
         self._tell(judged)
         if sample.stamp_ns > now_ns - round(self._p.stale_after_s * 1e9):
             self._heard_s = time.monotonic()
-            self._set_connection(Connection.CONNECTED, "")
+            self._set_connection(Connection.CONNECTED, NOTHING)
         self._leading.heard(sample)
         with self._lock:
             action = self._handshake.sample(sample, judged.rest_since_ns, now_ns)
@@ -223,7 +230,9 @@ class CncBridgeNode(Node):
             raise self._failure
         silent_s = time.monotonic() - self._heard_s
         if self._connection is Connection.CONNECTED and silent_s > self._p.stale_after_s:
-            self._set_connection(Connection.STALE, "the control says nothing new")
+            self._set_connection(
+                Connection.STALE, keyed("said.control_quiet", "the control says nothing new")
+            )
         if time.monotonic() >= self._state_due_s:
             self._publish_state()
         wanted = self._commands.is_simulated and self._p.start_program
@@ -249,7 +258,7 @@ class CncBridgeNode(Node):
         message.measure_acknowledged = self._handshake.acknowledged
         self._state.publish(prefixed(message, self._p.frame_prefix))
 
-    def _set_connection(self, connection: Connection, detail: str) -> None:
+    def _set_connection(self, connection: Connection, detail: Words) -> None:
         changed = connection is not self._connection
         self._connection, self._detail = connection, detail
         if changed:
@@ -265,20 +274,22 @@ class CncBridgeNode(Node):
         self._judge.forget()
         with self._lock:
             self._handshake = _make_handshake(self._p, self._leading, self._handshake.acknowledged)
-        self._set_connection(Connection.DISCONNECTED, f"{error} Trying again.")
+        self._set_connection(
+            Connection.DISCONNECTED,
+            keyed("said.trying_again", "{why} Trying again.", why=of_error(error)),
+        )
 
-    def _trouble(self) -> str:
+    def _trouble(self) -> Words:
         """Return why the control is not connected; empty where it is."""
-        return "" if self._connection is Connection.CONNECTED else self._detail
+        return NOTHING if self._connection is Connection.CONNECTED else self._detail
 
-    def _unrest(self) -> str:
+    def _unrest(self) -> Words:
         """Return why the machine is not at rest without a program; empty where it is."""
         judged = self._judged
         if judged is None:
-            return "no sample yet"
+            return conversions.NO_SAMPLE
         state = judged.sample.program_state
-        busy = (ProgramState.RUNNING, ProgramState.WAITING, ProgramState.INTERRUPTED)
-        return f"program {state.name.lower()}" if state in busy else judged.moving_reason
+        return _BUSY.get(state, judged.moving_reason)
 
     # --- diagnostics ---------------------------------------------------------------------------
 
@@ -288,9 +299,13 @@ class CncBridgeNode(Node):
             return Health(level=ERROR, message=self._detail, values=values)
         interval_s = getattr(self._control, "revised_interval_s", None) or 0.0
         if interval_s > self._p.gap_s / 1.5:
-            message = f"the server gives a sample every {interval_s:.3f} s only; raise gap_s"
+            message = keyed(
+                "said.slow_server",
+                "the server gives a sample every {s} s only; raise gap_s",
+                s=f"{interval_s:.3f}",
+            )
             return Health(level=WARN, message=message, values=values)
-        return Health(level=OK, message="fine", values=values)
+        return Health(level=OK, message=FINE, values=values)
 
     def _clock_values(self) -> dict[str, object]:
         clock = getattr(self._control, "clock", None)
@@ -311,9 +326,9 @@ class CncBridgeNode(Node):
             values["age p50 [ms]"] = f"{ages[len(ages) // 2] / 1e6:.2f}"
             values["age p99 [ms]"] = f"{ages[len(ages) * 99 // 100] / 1e6:.2f}"
         if judged is None:
-            return Health(level=WARN, message="no sample yet", values=values)
+            return Health(level=WARN, message=conversions.NO_SAMPLE, values=values)
         limits = self._judge.machine.out_of_limits(judged.axes)
-        message = judged.refused or "; ".join(limits) or "fine"
+        message = judged.refused or sentences(limits) or FINE
         return Health(
             level=WARN if judged.refused or limits else OK, message=message, values=values
         )

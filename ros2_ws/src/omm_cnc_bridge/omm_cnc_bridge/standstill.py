@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from omm_cnc_bridge.control import ControlSample
+from omm_core.words import NOTHING, Words, keyed, verbatim
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +44,7 @@ class StandStill:
         """Stamp of the first sample of the present rest."""
         return self._since_ns
 
-    def update(self, sample: ControlSample) -> str:
+    def update(self, sample: ControlSample) -> Words:
         """Return why the spindle is not known to stand still at this sample; empty when it is."""
         moved = self._moved(sample)
         if moved:
@@ -51,41 +52,54 @@ class StandStill:
             self._since_ns = sample.stamp_ns
         self._last_ns = sample.stamp_ns
         if sample.fault:
-            return sample.fault
+            return verbatim(sample.fault)
         if sample.in_position is False:
-            return "control: not in position"
+            return keyed("said.not_in_position", "control: not in position")
         off = self._farthest(sample.positions, sample.commanded)
         if off is not None:
-            return f"{off} away from its command"
+            return keyed("said.off_command", "{off} away from its command", off=off)
         if moved:
             return moved
         rested_ns = sample.stamp_ns - self._since_ns
         if rested_ns < self._limits.dwell_ns:
-            return f"dwell: still for {rested_ns / 1e9:.3f} of {self._limits.dwell_ns / 1e9:.3f} s"
-        return ""
+            return keyed(
+                "said.dwell",
+                "dwell: still for {s} of {wanted} s",
+                s=f"{rested_ns / 1e9:.3f}",
+                wanted=f"{self._limits.dwell_ns / 1e9:.3f}",
+            )
+        return NOTHING
 
     def forget(self) -> None:
         """Start anew, as after a lost connection."""
         self._last_ns = None
 
-    def _moved(self, sample: ControlSample) -> str:
+    def _moved(self, sample: ControlSample) -> Words:
         if self._last_ns is None:
-            return "first sample"
+            return keyed("said.first_sample", "first sample")
         gap_ns = sample.stamp_ns - self._last_ns
         if not 0 < gap_ns <= self._limits.gap_ns:
-            return f"gap of {gap_ns / 1e9:.3f} s in the positions"
+            return keyed(
+                "said.gap_in_positions", "gap of {s} s in the positions", s=f"{gap_ns / 1e9:.3f}"
+            )
         if self._rest.keys() != sample.positions.keys():
-            return "other axes than before"
+            return keyed("said.other_axes", "other axes than before")
         off = self._farthest(sample.positions, self._rest)
-        return "" if off is None else f"{off} from where it was"
+        if off is None:
+            return NOTHING
+        return keyed("said.off_place", "{off} from where it was", off=off)
 
-    def _farthest(self, positions: Mapping[str, float], wanted: Mapping[str, float]) -> str | None:
+    def _farthest(
+        self, positions: Mapping[str, float], wanted: Mapping[str, float]
+    ) -> Words | None:
         """Describe the first axis that is out of tolerance; NaN is out of it."""
         for axis, value in wanted.items():
             off = abs(positions.get(axis, math.nan) - value)
             if axis in self._rotary:
                 if not off <= self._limits.tolerance_rad:
-                    return f"{axis} is {off * 1e3:.4f} mrad"
+                    return keyed(
+                        "said.axis_angle", "{axis} is {off} mrad", axis=axis, off=f"{off * 1e3:.4f}"
+                    )
             elif not off <= self._limits.tolerance_mm:
-                return f"{axis} is {off:.4f} mm"
+                return keyed("said.axis_length", "{axis} is {off} mm", axis=axis, off=f"{off:.4f}")
         return None

@@ -21,6 +21,7 @@ from omm_core.imaging.calibration import CameraCalibration
 from omm_core.part_pose.posterior import PoseStatement
 from omm_core.session.result import MeasurementResult
 from omm_core.targets import Detection
+from omm_core.words import NOTHING, Words, beside
 from omm_ros.conversions import MM_PER_M, pose_from_transform, time_from_ns, transform_message
 
 Array = NDArray[np.float64]
@@ -52,7 +53,7 @@ def machine_T_part(result: MeasurementResult) -> RigidTransform:
 
 
 def estimate_message(
-    result: MeasurementResult, clamping: int, revoked_reason: str = ""
+    result: MeasurementResult, clamping: int, revoked_reason: Words = NOTHING
 ) -> PartEstimate:
     """Return the whole result as /omm/estimate, with the clamping's number since the start.
 
@@ -75,15 +76,21 @@ def estimate_message(
         images_received=len(result.images),
         images_pending=result.images_pending,
         missing=list(result.missing),
+        missing_said=[beside(words) for words in result.missing],
         findings=list(result.findings),
+        findings_said=[beside(words) for words in result.findings],
         clamping=clamping,
         revoked=bool(revoked_reason),
         revoked_reason=revoked_reason,
+        revoked_said=beside(revoked_reason),
         absolute_theta=theta_si(solution.absolute),
         absolute_covariance=covariance_si(solution.absolute).ravel(),
         absolute_expanded_uncertainty=expanded_uncertainty_si(solution.absolute),
         geometry_declared=solution.geometry_declared,
         remarks=list(solution.remarks),
+        remarks_said=[beside(words) for words in solution.remarks],
+        share_sources=list(solution.shares),
+        shares=[float(share) for of in solution.shares.values() for share in of],
     )
     noise = solution.machine
     message.stop_sigma_m = math.nan if noise is None else noise.stop_sigma_mm.median / MM_PER_M
@@ -92,7 +99,12 @@ def estimate_message(
     )
     message.machine_estimated = [] if noise is None else list(noise.estimated)
     message.images = [
-        ImageStatus(stamp=time_from_ns(i.stamp_ns), used=i.used, reason=i.reason or "")
+        ImageStatus(
+            stamp=time_from_ns(i.stamp_ns),
+            used=i.used,
+            reason=i.reason or "",
+            reason_said=beside(i.reason or ""),
+        )
         for i in result.images
     ]
     message.targets = [
@@ -108,6 +120,7 @@ def estimate_message(
             residual_px=np.array(o.residual_px),
             used=o.used,
             reason=o.reason or "",
+            reason_said=beside(o.reason or ""),
         )
         for o in result.observations
     ]
@@ -198,7 +211,12 @@ def observations_message(
             for t in detection.targets
         ],
         refused=[
-            RefusedTarget(col_px=r.center_px[0], row_px=r.center_px[1], reason=r.reason)
+            RefusedTarget(
+                col_px=r.center_px[0],
+                row_px=r.center_px[1],
+                reason=r.reason,
+                reason_said=beside(r.reason),
+            )
             for r in detection.refused
         ],
     )

@@ -28,6 +28,7 @@ from omm_core.imaging.calibration import load_calibration
 from omm_core.session.measurement import Measurement, MeasurementOptions
 from omm_core.session.result import MeasurementResult
 from omm_core.warm_up import warm_up_detection, warm_up_estimation
+from omm_core.words import NOTHING, Words, keyed, of_error, sentences
 from omm_estimator import conversions
 from omm_estimator.parameters import Parameters
 from omm_ros import qos, topics
@@ -40,7 +41,9 @@ from omm_ros.node_main import run_node
 from omm_ros.parameters import declare, watch
 from omm_ros.preparing import while_preparing
 
-_PREPARING = "preparing: numerical kernels are loaded or compiled"
+_PREPARING = keyed("said.preparing_kernels", "preparing: numerical kernels are loaded or compiled")
+_NO_LONGER = keyed("said.no_longer_determined", "no longer determined")
+_NOT_CONFIGURED = keyed("said.not_configured", "not configured")
 _SETTLE_PERIOD_S = 0.02
 # Times what the last update took: after thousands of images, not every one gets its own.
 _PAUSE = 4.0
@@ -75,7 +78,7 @@ class EstimatorNode(LifecycleNode):
         # Never on /tf_static: what was latched there would outlive the clamping.
         self._frames = self.create_publisher(TFMessage, topics.TF, qos.STATE)
         self._camera_frame = self.create_publisher(TFMessage, topics.TF_STATIC, qos.LATCHED)
-        self._preparing = ""
+        self._preparing = NOTHING
         self._diagnostics = Diagnostics(self)
         self._diagnostics.add("images", self._image_health)
         self._diagnostics.add("estimate", self._estimate_health)
@@ -91,7 +94,7 @@ class EstimatorNode(LifecycleNode):
         self._begin(self._p.part_file)
         self._preparing = _PREPARING
         while_preparing(self, _PREPARING, _load_kernels, self._diagnostics.publish)
-        self._preparing = ""
+        self._preparing = NOTHING
         self._inputs = [
             AdaptiveSubscription(self, Image, topics.IMAGE, self._on_image, qos.IMAGE),
             AdaptiveSubscription(self, PoseStamped, topics.SPINDLE_POSE, self._on_pose, qos.POSE),
@@ -128,7 +131,7 @@ class EstimatorNode(LifecycleNode):
             self.destroy_service(service)
         for timer in self._ticking:
             self.destroy_timer(timer)
-        self._revoke("the estimator was told to forget everything")
+        self._revoke(keyed("said.told_to_forget", "the estimator was told to forget everything"))
         self._measurement = self._last = None
         return super().on_cleanup(state)
 
@@ -159,7 +162,7 @@ class EstimatorNode(LifecycleNode):
             image = image_from_message(message)
             detection = measurement.detect(image)
         except InputError as error:
-            measurement.add_refused_image(stamp, str(error))
+            measurement.add_refused_image(stamp, of_error(error))
             self.get_logger().error(f"image: {error}", throttle_duration_sec=5.0)
         else:
             measurement.add_detection(stamp, detection.targets)
@@ -201,7 +204,7 @@ class EstimatorNode(LifecycleNode):
         part, calibration = self._measurement.part, self._measurement.calibration
         self._measurement = Measurement(part, calibration, self._options())
         self._clamping += 1
-        self._publish("new clamping: all images were forgotten")
+        self._publish(keyed("said.new_clamping", "new clamping: all images were forgotten"))
         response.success, response.message = True, f"part {part.name}: all images forgotten"
         self.get_logger().info(response.message)
         return response
@@ -250,7 +253,7 @@ class EstimatorNode(LifecycleNode):
         part = self._begin(part_file)
         self._p = replace(self._p, part_file=part_file)
         self._clamping += 1
-        self._publish(f"new part: {part.name}")
+        self._publish(keyed("said.new_part", "new part: {part}", part=part.name))
         return part
 
     def _options(self) -> MeasurementOptions:
@@ -271,14 +274,14 @@ class EstimatorNode(LifecycleNode):
             self._camera_frame.publish(TFMessage(transforms=[camera]))
         return part
 
-    def _publish(self, reason: str = "") -> None:
+    def _publish(self, reason: Words = NOTHING) -> None:
         """Publish the estimate. What was published before and holds no longer is revoked."""
         if self._measurement is None:
             return
         result = self._measurement.result()
         self._pending, self._last = result.images_pending, result
         if not result.determined and self._holds:
-            self._revoke(reason or "; ".join(result.missing) or "no longer determined")
+            self._revoke(reason or sentences(result.missing) or _NO_LONGER)
             return
         prefix = self._p.frame_prefix
         self._estimate.publish(
@@ -289,7 +292,7 @@ class EstimatorNode(LifecycleNode):
             self._holds = True
             self._publish_frames()
 
-    def _revoke(self, reason: str) -> None:
+    def _revoke(self, reason: Words) -> None:
         """Replace what is latched and no longer true, so that nobody machines by it."""
         if not self._holds or self._measurement is None:
             return
@@ -320,14 +323,19 @@ class EstimatorNode(LifecycleNode):
     def _image_health(self) -> Health:
         result = self._last
         if result is None:
-            return Health(level=WARN, message="not configured")
+            return Health(level=WARN, message=_NOT_CONFIGURED)
         refused = [image for image in result.images if not image.used]
         values: dict[str, object] = {f"refused {i.stamp_ns}": i.reason for i in refused[-20:]}
         values |= {"images": len(result.images), "pending": result.images_pending}
         values["bad poses"], values["missed images"] = self._bad_poses, self._missed_images
         trouble = [subscription.trouble for subscription in self._inputs if subscription.trouble]
-        used = f"{len(result.images) - len(refused)} of {len(result.images)} images used"
-        message = "; ".join([used, *trouble])
+        used = keyed(
+            "said.images_used",
+            "{used} of {n} images used",
+            used=len(result.images) - len(refused),
+            n=len(result.images),
+        )
+        message = sentences([used, *trouble])
         return Health(
             level=WARN if refused or self._bad_poses or self._missed_images or trouble else OK,
             message=message,
@@ -339,12 +347,21 @@ class EstimatorNode(LifecycleNode):
             return Health(level=WARN, message=self._preparing)
         result = self._last
         if result is None or not result.images:
-            return Health(level=OK, message="no image yet")
+            return Health(level=OK, message=keyed("said.no_image", "no image yet"))
         if not result.determined:
-            return Health(level=WARN, message="; ".join(result.missing) or "not determined")
+            return Health(
+                level=WARN,
+                message=sentences(result.missing) or keyed("said.not_determined", "not determined"),
+            )
         if result.findings:
-            return Health(level=ERROR, message="; ".join(result.findings))
-        return Health(message=f"determined, residuals {result.solution.rms_px:.4f} px RMS")
+            return Health(level=ERROR, message=sentences(result.findings))
+        return Health(
+            message=keyed(
+                "said.determined",
+                "determined, residuals {px} px RMS",
+                px=f"{result.solution.rms_px:.4f}",
+            )
+        )
 
 
 def _load_kernels() -> None:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
+from numpy.typing import NDArray
 from omm_interfaces.msg import PartEstimate, SpindleState, TargetObservations
 from omm_interfaces.srv import WorkOffset
 from sensor_msgs.msg import Image
 
+from omm_core.words import Words, with_beside
 from omm_operator.screen.facts import (
     ControlFact,
     EstimateFact,
@@ -19,6 +23,7 @@ from omm_operator.screen.facts import (
     ResidualFact,
 )
 from omm_ros.conversions import MM_PER_M, image_from_message, stamp_ns
+from omm_ros.diagnostics import SAID
 
 LARGEST_PX = 1280
 _SHOWN_IMAGES = 8  # of which residuals may be drawn
@@ -43,7 +48,11 @@ def estimate_fact(message: PartEstimate) -> EstimateFact:
         sigma0=message.sigma0,
         degrees_of_freedom=message.degrees_of_freedom,
         images=tuple(
-            ImageFact(stamp_ns=stamp_ns(i.stamp), used=i.used, reason=i.reason)
+            ImageFact(
+                stamp_ns=stamp_ns(i.stamp),
+                used=i.used,
+                reason=with_beside(i.reason, i.reason_said),
+            )
             for i in message.images
         ),
         images_pending=message.images_pending,
@@ -55,17 +64,33 @@ def estimate_fact(message: PartEstimate) -> EstimateFact:
                 center_px=(o.col_px, o.row_px),
                 residual_px=(float(o.residual_px[0]), float(o.residual_px[1])),
                 used=o.used,
-                reason=o.reason,
+                reason=with_beside(o.reason, o.reason_said),
             )
             for o in message.observations
             if (o.stamp.sec, o.stamp.nanosec) in newest
         ),
-        missing=tuple(message.missing),
-        findings=tuple(message.findings),
+        missing=_all_words(message.missing, message.missing_said),
+        findings=_all_words(message.findings, message.findings_said),
+        remarks=_all_words(message.remarks, message.remarks_said),
         clamping=message.clamping,
         revoked=message.revoked,
-        revoked_reason=message.revoked_reason,
+        revoked_reason=with_beside(message.revoked_reason, message.revoked_said),
+        shares=_shares(message),
     )
+
+
+def _all_words(texts: Sequence[str], said: Sequence[str]) -> tuple[Words, ...]:
+    """Return words with the keys that stand beside them; without, where there are none."""
+    beside = [*said, *[""] * len(texts)]
+    return tuple(with_beside(text, key) for text, key in zip(texts, beside, strict=False))
+
+
+def _shares(message: PartEstimate) -> dict[str, NDArray[np.float64]]:
+    """Return the shares by source; none where they are not one for each unknown."""
+    sources, shares = list(message.share_sources), np.asarray(message.shares, dtype=float)
+    if len(shares) != 7 * len(sources):
+        return {}
+    return dict(zip(sources, shares.reshape(-1, 7), strict=True))
 
 
 def control_fact(message: SpindleState) -> ControlFact:
@@ -73,12 +98,12 @@ def control_fact(message: SpindleState) -> ControlFact:
     return ControlFact(
         control=message.control,
         connection=message.connection,
-        detail=message.connection_detail,
+        detail=with_beside(message.connection_detail, message.connection_said),
         program_state=message.program_state,
         program=message.program,
         program_line=message.program_line,
         in_position=message.in_position,
-        moving_reason=message.moving_reason,
+        moving_reason=with_beside(message.moving_reason, message.moving_said),
         measure_requested=message.measure_requested,
         measure_request=message.measure_request,
         measure_acknowledged=message.measure_acknowledged,
@@ -89,12 +114,13 @@ def control_fact(message: SpindleState) -> ControlFact:
 def health_fact(status: DiagnosticStatus) -> HealthFact:
     """Return a line of diagnostics as the screen takes it."""
     node, _, name = status.name.partition(": ")
+    values = {value.key: value.value for value in status.values}
     return HealthFact(
         node=node,
         name=name,
         level=int.from_bytes(status.level, "little"),
-        message=status.message,
-        values={value.key: value.value for value in status.values},
+        message=with_beside(status.message, values.pop(SAID, "")),
+        values=values,
     )
 
 
@@ -103,7 +129,9 @@ def found_fact(message: TargetObservations) -> FoundFact:
     return FoundFact(
         stamp_ns=stamp_ns(message.header.stamp),
         targets=tuple((t.id, t.col_px, t.row_px) for t in message.targets),
-        refused=tuple((r.col_px, r.row_px, r.reason) for r in message.refused),
+        refused=tuple(
+            (r.col_px, r.row_px, with_beside(r.reason, r.reason_said)) for r in message.refused
+        ),
     )
 
 

@@ -12,13 +12,14 @@ from typing import Any, Protocol
 
 from omm_core.alignment.controls import CONTROLS
 from omm_core.errors import OmmError
+from omm_core.words import keyed, of_error
 from omm_operator.screen import pages
 from omm_operator.screen.commands import Command
 from omm_operator.screen.desk import Answer, Desk, Record
 from omm_operator.screen.facts import OffsetFact
 from omm_operator.screen.handing import offset_dict, same_offset, words_for
 from omm_operator.screen.screen import Screen
-from omm_report.language import Said, recognise, say
+from omm_report.language import Said, said_of, say
 
 TICK_S, SHOW_S = 0.1, 0.5
 OFFSET_PERIOD_S = 5.0  # somebody may change it at the control
@@ -166,9 +167,9 @@ class Operation:
         try:
             said = await self._carriers[command.name](command, more)
         except OmmError as error:
-            self.screen.trouble(say(f"trouble.refused_{command.name}"), str(error))
+            self.screen.trouble(say(f"trouble.refused_{command.name}"), of_error(error))
             self.show_soon()
-            return Answer(accepted=False, said=recognise(str(error)))
+            return Answer(accepted=False, said=said_of(of_error(error)))
         self.screen.changes += 1
         self.show_soon()
         return Answer(accepted=True, said=said, more=more)
@@ -209,7 +210,9 @@ class Operation:
         with contextlib.suppress(Refused):  # a control may tell it only of the active offset
             old = await self._actions.work_offset(wanted.name, None)
         if self.screen.refusals()["hand_over"] is not None:
-            raise Refused("Something changed meanwhile: nothing was written.")
+            raise Refused(
+                keyed("said.changed_meanwhile", "Something changed meanwhile: nothing was written.")
+            )
         read = await self._actions.work_offset(wanted.name, wanted)
         equal = same_offset(wanted, read)
         kept.offset = read
@@ -222,7 +225,12 @@ class Operation:
             "equal": equal,
         }
         if not equal:
-            raise Refused("The control reads back something else than was written.")
+            raise Refused(
+                keyed(
+                    "said.reads_other",
+                    "The control reads back something else than was written.",
+                )
+            )
         return say("done.hand_over", offset=wanted.name)
 
     async def _make_report(self, command: Command, more: dict[str, Any]) -> Said:
@@ -238,6 +246,6 @@ class Operation:
             self.screen.kept.report = {"state": "ready", "number": number}
         except OmmError as error:
             self.screen.kept.report = {"state": "failed", "number": number - 1}
-            self.screen.trouble(say("trouble.refused_make_report"), str(error))
+            self.screen.trouble(say("trouble.refused_make_report"), of_error(error))
         self.screen.changes += 1
         self.show_soon()

@@ -14,10 +14,14 @@ from rclpy.client import Client
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
+from omm_core.words import Words, keyed, verbatim, with_beside
 from omm_operator.conversions import offset_fact, offset_request
 from omm_operator.operating import Refused
 from omm_operator.screen.facts import OffsetFact
 
+_BRIDGE = keyed("said.the_bridge", "the CNC bridge")
+_ESTIMATOR = keyed("said.the_estimator", "the estimator")
+_NO_WORD = keyed("said.report_no_word", "The report failed without a word.")
 _ANSWER_S = 20.0
 _REPORT_S = 300.0
 
@@ -40,22 +44,22 @@ class RosActions:
 
     async def start_program(self) -> None:
         """Let the control start its measuring program."""
-        await _ask(self._start, Trigger.Request(), "the CNC bridge")
+        await _ask(self._start, Trigger.Request(), _BRIDGE)
 
     async def new_clamping(self) -> None:
         """Let the estimator forget all images."""
-        await _ask(self._clamping, Trigger.Request(), "the estimator")
+        await _ask(self._clamping, Trigger.Request(), _ESTIMATOR)
 
     async def work_offset(self, name: str, wanted: OffsetFact | None) -> OffsetFact:
         """Return a work offset as the control has it, after writing it where one is given."""
-        response = await _ask(self._offset, offset_request(name, wanted), "the CNC bridge")
+        response = await _ask(self._offset, offset_request(name, wanted), _BRIDGE)
         return offset_fact(name, response)
 
     async def report(self) -> bytes:
         """Return the measurement so far as PDF, made by a process of its own."""
         recording = self._recording()
         if not recording:
-            raise Refused("The recorder has not said where it records.")
+            raise Refused(keyed("said.no_recording", "The recorder has not said where it records."))
         with TemporaryDirectory(prefix="omm-report-") as folder:
             out = Path(folder) / "report.pdf"
             process = await asyncio.create_subprocess_exec(
@@ -66,14 +70,20 @@ class RosActions:
                 _, told = await asyncio.wait_for(process.communicate(), _REPORT_S)
             except asyncio.TimeoutError as error:
                 process.kill()
-                raise Refused(f"The report was not ready after {_REPORT_S:g} s.") from error
+                raise Refused(
+                    keyed(
+                        "said.report_late",
+                        "The report was not ready after {s} s.",
+                        s=f"{_REPORT_S:g}",
+                    )
+                ) from error
             if process.returncode != 0:
                 words = told.decode(errors="replace").strip().splitlines()
-                raise Refused(words[-1] if words else "The report failed without a word.")
+                raise Refused(verbatim(words[-1]) if words else _NO_WORD)
             return out.read_bytes()
 
 
-async def _ask(client: Client, request: Any, who: str) -> Any:
+async def _ask(client: Client, request: Any, who: Words) -> Any:
     """Return a service's answer.
 
     Raises
@@ -82,7 +92,7 @@ async def _ask(client: Client, request: Any, who: str) -> Any:
         Where nobody answers, or the answer is no.
     """
     if not client.service_is_ready():
-        raise Refused(f"No answer from {who}.")
+        raise Refused(keyed("said.nobody_answers", "No answer from {who}.", who=who))
     loop = asyncio.get_running_loop()
     answer: asyncio.Future[Any] = loop.create_future()
 
@@ -95,9 +105,18 @@ async def _ask(client: Client, request: Any, who: str) -> Any:
         response = await asyncio.wait_for(answer, _ANSWER_S)
     except asyncio.TimeoutError as error:
         client.remove_pending_request(asked)
-        raise Refused(f"No answer from {who} within {_ANSWER_S:g} s.") from error
+        raise Refused(
+            keyed(
+                "said.no_answer_within",
+                "No answer from {who} within {s} s.",
+                who=who,
+                s=f"{_ANSWER_S:g}",
+            )
+        ) from error
     if not response.success:
-        raise Refused(response.message or f"{who} refused and did not say why.")
+        said = with_beside(response.message, getattr(response, "said", ""))
+        refused = keyed("said.no_reason", "{who} refused and did not say why.", who=who)
+        raise Refused(said or refused)
     return response
 
 

@@ -27,6 +27,31 @@ def message_class(type_name: str) -> Any:
         ) from error
 
 
+def as_installed(message_type: Any, recorded: Any) -> Any:
+    """Return a message of the installed type with what a recorded one of another version holds.
+
+    Fields that one of the two lacks are left out, or stay as the type has them.
+    """
+    message = message_type()
+    for name, kind in message_type.get_fields_and_field_types().items():
+        if hasattr(recorded, name):
+            setattr(message, name, _value_as_installed(kind, getattr(recorded, name)))
+    return message
+
+
+def _value_as_installed(kind: str, value: Any) -> Any:
+    element = kind.removeprefix("sequence<").partition(">")[0].partition("[")[0].partition(",")[0]
+    if "/" not in element:
+        return (
+            value.tolist() if kind.startswith("sequence<") and hasattr(value, "tolist") else value
+        )
+    package, _, name = element.partition("/")
+    element_type = getattr(import_module(f"{package}.msg"), name)
+    if kind == element:
+        return as_installed(element_type, value)
+    return [as_installed(element_type, one) for one in value]
+
+
 def profile_from_qos(qos: TopicQos) -> QoSProfile:
     """Return the profile to subscribe or publish with."""
     return QoSProfile(

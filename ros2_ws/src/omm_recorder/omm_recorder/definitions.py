@@ -36,6 +36,12 @@ def definition(type_name: str) -> str:
     return first[1] + "".join(f"{SEPARATOR}\nMSG: {name}\n{text}" for name, text in others)
 
 
+def fields_of(definition_text: str) -> list[str]:
+    """Return what a definition is without comments and spacing: equal where the bytes are."""
+    lines = (line.split("#")[0].split() for line in definition_text.splitlines())
+    return [" ".join(words) for words in lines if words and "=" not in words[-1].strip("=")]
+
+
 @cache
 def type_hash(type_name: str) -> str:
     """Return the hash (RIHS01) of a type; empty where the package was installed without it."""

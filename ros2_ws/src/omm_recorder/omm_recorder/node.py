@@ -15,6 +15,7 @@ from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
 from omm_core.errors import InputError, OmmError
+from omm_core.words import Words, keyed, of_error, sentences
 from omm_recorder.conversions import message_class, profile_from_qos, qos_from_profile
 from omm_recorder.definitions import definition, type_hash
 from omm_recorder.files import FileToRecord, file_to_record
@@ -43,6 +44,7 @@ FILES = {
 }
 OWNER = "estimator"
 """The node whose parameters those are; no other's are believed."""
+_ALL = keyed("said.all_recorded", "all is recorded")
 
 
 class RecorderNode(Node):
@@ -171,7 +173,7 @@ class RecorderNode(Node):
         return {name: file_to_record(Path(path), name) for name, path in named.items() if path}
 
     def _not_attached(self, name: str, error: InputError) -> None:
-        self._unread[name] = str(error)
+        self._unread[name] = of_error(error)
         self.get_logger().error(f"{error} The recording alone cannot be solved.")
 
     def _attach(self, name: str, file: FileToRecord) -> None:
@@ -307,9 +309,9 @@ class RecorderNode(Node):
         state = self.recorder.state()
         lost = state.lost + state.missing
         level = ERROR if not state.recording else WARN if lost or state.trouble else OK
-        message = state.trouble or (f"{lost} messages lost" if lost else "all is recorded")
+        message = state.trouble or (_lost(lost) if lost else _ALL)
         if self._unread and level == OK:
-            level, message = WARN, "; ".join(self._unread.values())
+            level, message = WARN, sentences(self._unread.values())
         values = {
             "file": str(self.folder / RUN_NAME),
             "written [MB]": f"{state.bytes_written / 1e6:.1f}",
@@ -323,6 +325,10 @@ class RecorderNode(Node):
             "files": ", ".join(sorted(self._attached)) or "none yet",
         }
         return Health(level=level, message=message, values=values)
+
+
+def _lost(count: int) -> Words:
+    return keyed("said.messages_lost", "{n} messages lost", n=count)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 
 from omm_core.errors import OmmError
+from omm_core.words import NOTHING, Words, keyed, of_error, verbatim
 from omm_recorder.counting import TopicTally
 from omm_recording.writing import RecordingWriter, TopicToRecord
 
@@ -44,7 +45,7 @@ class State:
     recording: bool
     ended_because: str
     """Empty while recording; ``stopped`` where it was told to."""
-    trouble: str
+    trouble: Words
     """What is wrong, for people; empty when all is well."""
     bytes_written: int
     queue_bytes: int
@@ -84,7 +85,7 @@ class Recorder:
         self._queue_limit_bytes = min(limits.queue_bytes, _available_memory() // 4)
         self._stopping = False
         self._ended: str | None = None
-        self._trouble = ""
+        self._trouble = NOTHING
         self._told_loss_s = -10.0
         self._started_ns = time.time_ns()
         self._free_bytes = self._free()
@@ -224,7 +225,7 @@ class Recorder:
             reason = self._write_until_stopped()
         except OSError as error:
             reason = f"{error.strerror} while writing {self._writer.unfinished}"
-            self._trouble = f"Recording has ended: {reason}"
+            self._trouble = _has_ended(verbatim(reason))
             self._tell(f"{self._trouble}. What was written until now is kept.")
         self._end(reason)
 
@@ -255,9 +256,11 @@ class Recorder:
         self._rate += 0.1 * (rate - self._rate) if self._rate else rate
         if self._writer.folder_gone:
             if "removed" not in self._trouble:
-                self._trouble = (
-                    f"{self._writer.unfinished} was removed while it is being written; it will be "
-                    "made again when the recording ends. Do not stop this by force"
+                self._trouble = keyed(
+                    "said.recording_removed",
+                    "{file} was removed while it is being written; it will be made again when the"
+                    " recording ends. Do not stop this by force",
+                    file=verbatim(str(self._writer.unfinished)),
                 )
                 self._tell(self._trouble)
             return True
@@ -265,9 +268,13 @@ class Recorder:
         usable = max(0, self._free_bytes - self._limits.stop_free_bytes)
         self._left_s = usable / self._rate if self._rate > 0 else float("inf")
         if usable == 0:
-            self._trouble = (
-                f"Recording has ended: {self._free_bytes >> 20} MB are left on the disk of "
-                f"{self._writer.path.parent}"
+            self._trouble = _has_ended(
+                keyed(
+                    "said.disk_full",
+                    "{mb} MB are left on the disk of {folder}",
+                    mb=self._free_bytes >> 20,
+                    folder=verbatim(str(self._writer.path.parent)),
+                )
             )
             self._tell(f"{self._trouble}. What was written until now is kept.")
             return False
@@ -281,12 +288,15 @@ class Recorder:
         if near:
             self._trouble = self._space()
         elif "left on" in self._trouble:
-            self._trouble = ""
+            self._trouble = NOTHING
 
-    def _space(self) -> str:
-        return (
-            f"{self._free_bytes / 1e9:.1f} GB, {self._left_s / 60:.1f} minutes, are left on the "
-            f"disk of {self._writer.path.parent}"
+    def _space(self) -> Words:
+        return keyed(
+            "said.disk_near_full",
+            "{gb} GB, {minutes} minutes, are left on the disk of {folder}",
+            gb=f"{self._free_bytes / 1e9:.1f}",
+            minutes=f"{self._left_s / 60:.1f}",
+            folder=verbatim(str(self._writer.path.parent)),
         )
 
     def _end(self, reason: str) -> None:
@@ -305,14 +315,14 @@ class Recorder:
             self._file = self._writer.close(report)
         except OmmError as error:
             self._failure = error
-            self._trouble = str(error)
+            self._trouble = of_error(error)
             self._tell(str(error))
 
     def _flush_before_counting(self) -> None:
         try:
             self._writer.flush_at_end()
         except OSError as error:  # told by `close`, which will meet it again
-            self._trouble = self._trouble or str(error)
+            self._trouble = self._trouble or of_error(error)
 
     def _free(self) -> int:
         status = os.fstatvfs(self._writer.fileno())
@@ -346,3 +356,7 @@ def _write(
 ) -> None:
     sequence, log_ns, publish_ns = ids
     writer.write(topic, sequence, log_ns, publish_ns, data)
+
+
+def _has_ended(why: Words) -> Words:
+    return keyed("said.recording_ended", "Recording has ended: {why}", why=why)

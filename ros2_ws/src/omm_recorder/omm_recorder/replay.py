@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -16,7 +17,8 @@ from rosgraph_msgs.msg import Clock
 
 from omm_core.errors import InputError
 from omm_recorder import keyboard
-from omm_recorder.conversions import message_class, profile_from_qos
+from omm_recorder.conversions import as_installed, message_class, profile_from_qos
+from omm_recorder.definitions import definition, fields_of
 from omm_recorder.keyboard import Keyboard
 from omm_recorder.playback import MAX_RATE, MIN_RATE, PlaybackClock
 from omm_recording.reading import RecordedMessage, Recording
@@ -75,6 +77,7 @@ class ReplayNode(Node):
             raise InputError("Expected the parameter run: the recording to replay.")
         self.recording = Recording(Path(self.parameters.run))
         self.topics = self._chosen()
+        self._changed = self._changed_types()
         self.sent = 0
         self._ended = ended or threading.Event()
         self._playing: dict[str, Publisher] = {name: self._publisher(name) for name in self.topics}
@@ -106,11 +109,30 @@ class ReplayNode(Node):
             if not self._wait_for(message, clock, keys):
                 return
             self._tell_time(max(message.log_time_ns, self._clock_ns))
-            self._playing[message.topic].publish(bytes(message.data))
+            self._playing[message.topic].publish(self._as_published(message))
             self.sent += 1
             clock.played(message.log_time_ns)
         if not self._ended.is_set():
             self._wait_until_taken()
+
+    def _as_published(self, message: RecordedMessage) -> Any:
+        """Return the recorded bytes; of a type that has changed since, a message of today's."""
+        changed = self._changed.get(message.topic)
+        if changed is None:
+            return bytes(message.data)
+        return as_installed(changed, self.recording.decode(message))
+
+    def _changed_types(self) -> dict[str, Any]:
+        """Return by topic the types whose fields are others today than when it was recorded."""
+        changed = {}
+        for name in self.topics:
+            topic = self.recording.topics[name]
+            # ROS's own types keep theirs.
+            if not (topic.type_name.startswith("omm_interfaces/") and topic.definition):
+                continue
+            if fields_of(topic.definition) != fields_of(definition(topic.type_name)):
+                changed[name] = message_class(topic.type_name)
+        return changed
 
     def _wait_for(self, message: RecordedMessage, clock: PlaybackClock, keys: Keyboard) -> bool:
         """Wait for the time; return False where the replay is to end."""

@@ -17,9 +17,10 @@ import numpy as np
 from omm_core.alignment.tolerance import Decision
 from omm_core.part_pose.posterior import PoseStatement
 from omm_core.session.quantities import THETA, Quantity
+from omm_core.words import Words
 from omm_report.dcc import dcc_xml
 from omm_report.document import Document
-from omm_report.language import number_text, recognise, text
+from omm_report.language import number_text, said_of, text
 from omm_report.run_evidence import decisions, input_files, seal_words, seals_of
 from omm_report.run_picture import save_run_picture
 from omm_runs.solving import SolvedRun
@@ -68,7 +69,7 @@ class _Report:
         return number_text(f"{value:{sign}.{decimals}f}", self._language)
 
     def _told(self, words: str) -> str:
-        return recognise(words).in_language(self._language)
+        return said_of(words).in_language(self._language)
 
     def _head(self, *keys: str) -> list[str]:
         return [self._say(f"doc.{key}") for key in keys]
@@ -140,7 +141,7 @@ class _Report:
         shares = solved.result.solution.shares
         if shares:
             rows = [
-                [self._told(source), *(f"{self._number(100.0 * s, 1)} %" for s in of)]
+                [self._say(f"share.{source}"), *(f"{self._number(100.0 * s, 1)} %" for s in of)]
                 for source, of in shares.items()
             ]
             self._document.table([[self._say("doc.share"), *(q.symbol for q in THETA)], *rows])
@@ -167,7 +168,7 @@ class _Report:
 
     def _add_remarks(self, solved: SolvedRun) -> None:
         result, none = solved.result, self._say("doc.no_reason")
-        left_out: list[tuple[str, str, str | None]] = [
+        left_out: list[tuple[str, str, Words | None]] = [
             (self._say("measure.image", n=number), str(image.stamp_ns), image.reason)
             for number, image in enumerate(result.images, start=1)
             if not image.used

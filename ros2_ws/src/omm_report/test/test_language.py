@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from omm_core.errors import InputError
+from omm_core.words import Words, keyed
 from omm_report.language import (
     FOLDER,
     LANGUAGES,
@@ -16,6 +17,7 @@ from omm_report.language import (
     number_text,
     placeholders,
     recognise,
+    said_of,
     say,
     text,
 )
@@ -92,7 +94,7 @@ NODES_SAY = {
         {"names": "γ_s (and with it x, z) (known to 1.2 mm/m only, k = 2)",
          "targets": "8 or 122", "mm": "40"},
     ),
-    "X is 0.0120 mm away from its command": ("said.off_command", {"axis": "X", "off": "0.0120"}),
+    "X is 0.0120 mm away from its command": ("said.off_command", {"off": "X is 0.0120 mm"}),
 }  # fmt: skip
 
 
@@ -110,20 +112,53 @@ def test_what_is_not_known_is_said_as_it_is() -> None:
         assert said.in_language(language) == "something new: 1.5 or 2 {x}"
 
 
-def test_what_the_core_says_of_images_is_known() -> None:
-    """Reasons that stand as they are in the sources of pairing and of the reading of rings."""
-    sources = ("session/pairing.py", "targets/coded/judging.py")
-    for name in sources:
-        tree = ast.parse((SOURCES / "omm_core/omm_core" / name).read_text())
-        plain = [
-            node.value for node in ast.walk(tree)
-            if isinstance(node, ast.Constant) and isinstance(node.value, str)
-            and re.match(r"(no spindle|the ring|a sector|something lies)", node.value)
-            and " " in node.value and not node.value.endswith(" ")
-        ]  # fmt: skip
-        assert plain
-        unknown = [words for words in plain if recognise(words).key == VERBATIM]
-        assert unknown == [], name
+def _keyed_in_sources() -> list[tuple[str, ast.Call]]:
+    """All places of our packages where something is said with a key."""
+    return [
+        (f"{path.relative_to(SOURCES)}:{node.lineno}", node)
+        for path in sorted(SOURCES.glob("*/omm_*/**/*.py"))
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "keyed"
+    ]
+
+
+def test_all_that_nodes_and_core_say_is_in_every_catalogue_word_for_word() -> None:
+    said = _keyed_in_sources()
+    assert len(said) > 50
+    for where, call in said:
+        assert all(isinstance(a, ast.Constant) for a in call.args), f"{where}: not literal"
+        key, english = (a.value for a in call.args if isinstance(a, ast.Constant))
+        assert catalogue("en").get(key) == english, f"{where}: {key}"
+        given = {keyword.arg for keyword in call.keywords}
+        assert given == set(placeholders(english)), f"{where}: {key}"
+
+
+def test_every_word_of_the_catalogue_for_nodes_is_said_by_one() -> None:
+    said = {call.args[0].value for _, call in _keyed_in_sources()}  # type: ignore[attr-defined]
+    folded = {"said.then", "said.row"}  # by omm_core.words
+    of_nodes = {key for key in catalogue("en") if key.startswith("said.")}
+    assert of_nodes - said - folded == set()
+
+
+def test_words_with_a_key_are_translated_by_it_and_so_are_words_in_them() -> None:
+    why = keyed("said.moved", "the spindle moved by {mm} mm around the image", mm="0.123")
+    told = said_of(keyed("said.cannot_leave_out", catalogue("en")["said.cannot_leave_out"],
+                         what=why))  # fmt: skip
+    assert told.key == "said.cannot_leave_out"
+    german = told.in_language("de")
+    assert "um 0,123 mm bewegt" in german
+    assert "the " not in german
+    shown = told.to_json_dict()
+    assert shown["args"]["what"]["key"] == "said.moved"
+    assert shown["text"] == told.in_language("en")
+
+
+@pytest.mark.parametrize(
+    "words", [Words("of another version", "said.unheard_of", {}), Words("moved", "said.moved", {})]
+)
+def test_a_key_that_is_not_known_or_lacks_an_argument_shows_the_text(words: Words) -> None:
+    for language in LANGUAGES:
+        assert said_of(words).in_language(language) == words
 
 
 def test_numbers_have_the_decimal_sign_of_the_language() -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
+from omm_core.words import beside, keyed
 from omm_ros import topics
 from omm_ros.published import NAME as PUBLISHED
 from omm_ros.published import count_publications, published
@@ -14,6 +15,9 @@ OK = DiagnosticStatus.OK
 WARN = DiagnosticStatus.WARN
 ERROR = DiagnosticStatus.ERROR
 STALE = DiagnosticStatus.STALE
+FINE = keyed("said.fine", "fine")
+SAID = "said"
+"""Of the value that holds the message's key and arguments, see `omm_core.words.beside`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +25,7 @@ class Health:
     """One line of diagnostics: what an operator reads, and the figures behind it."""
 
     level: bytes = OK
-    message: str = "fine"
+    message: str = FINE
     values: Mapping[str, object] = field(default_factory=dict)
 
 
@@ -57,13 +61,15 @@ class Diagnostics:
         array.header.stamp = self._node.get_clock().now().to_msg()
         for name, task in self._tasks.items():
             health = task()
+            said = beside(health.message)
+            values = {**health.values, **({SAID: said} if said else {})}
             array.status.append(
                 DiagnosticStatus(
                     level=health.level,
                     name=line_name(self._node.get_fully_qualified_name(), name),
                     message=health.message,
                     hardware_id=self.hardware_id,
-                    values=[KeyValue(key=k, value=str(v)) for k, v in health.values.items()],
+                    values=[KeyValue(key=k, value=str(v)) for k, v in values.items()],
                 )
             )
         array.status.append(self._published())

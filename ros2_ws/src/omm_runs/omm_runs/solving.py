@@ -19,6 +19,7 @@ from omm_core.files.part import Part, load_part
 from omm_core.imaging.calibration import CameraCalibration, load_calibration
 from omm_core.session.measurement import Measurement
 from omm_core.warm_up import warm_up_estimation
+from omm_core.words import keyed, of_error
 from omm_recording.decoding import (
     IMAGE_TYPE,
     POSE_TYPE,
@@ -43,6 +44,8 @@ if TYPE_CHECKING:
     from omm_core.targets import Detection
 
 MACHINE_FILE = "machine.yaml"
+
+_ON_REQUEST = keyed("said.on_request", "left out on request")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,7 +177,7 @@ class _Feeder:
     def _take_image(self, stamp: int, image: Any, pool: ThreadPoolExecutor) -> None:
         self._stamps.add(stamp)
         if stamp in self._options.without:
-            self._measurement.add_refused_image(stamp, "left out on request")
+            self._measurement.add_refused_image(stamp, _ON_REQUEST)
             return
         found = pool.submit(lambda: self._measurement.detect(image_pixels(image)))
         self._waiting.append((stamp, found))
@@ -186,7 +189,7 @@ class _Feeder:
         try:
             self._measurement.add_detection(stamp, found.result().targets)
         except InputError as error:
-            self._measurement.add_refused_image(stamp, str(error))
+            self._measurement.add_refused_image(stamp, of_error(error))
             self._bad_images.append(error)
 
     def _check(self) -> None:

@@ -19,6 +19,8 @@ from omm_core.alignment.controls import CONTROLS, Words, control_and_number
 from omm_core.errors import InputError, MeasurementError
 from omm_core.files.part import Part, load_part
 from omm_core.geometry import RigidTransform
+from omm_core.words import Words as KeyedWords
+from omm_core.words import keyed
 
 Array = NDArray[np.float64]
 
@@ -106,7 +108,7 @@ def hand_over(
     error_mm = float(np.linalg.norm(misses, axis=1).max())
     about_z = _tilt(pose) if control == "linuxcnc" else ()
     if error_mm > remaining_mm:
-        raise MeasurementError(_refusal(control, error_mm, remaining_mm, about_z))
+        raise MeasurementError(_refusal(pose, control, error_mm, remaining_mm))
     remarks = [
         f"omm: {_plain(title)}, for {control} {name}",
         _pose_line(pose),
@@ -121,18 +123,35 @@ def hand_over(
     return Handover(text="\n".join(lines) + "\n", error_mm=error_mm, words=words)
 
 
-def _refusal(control: str, error_mm: float, remaining_mm: float, tilt: tuple[str, ...]) -> str:
-    why = "; ".join(tilt) if tilt else "what rounding leaves"
-    return (
-        f"{control} cannot say this pose: a corner of the part's box would be off by"
-        f" {error_mm:.4f} mm, allowed are {remaining_mm:g} mm ({why}). Nothing is written. Align"
-        " the part, or allow more with --remaining."
-    )
+def _refusal(
+    pose: RigidTransform, control: str, error_mm: float, remaining_mm: float
+) -> KeyedWords:
+    if control != "linuxcnc":
+        return keyed(
+            "said.rounding_refused",
+            "{control} cannot say this pose: a corner of the part's box would be off by {mm} mm,"
+            " allowed are {allowed} mm (what rounding leaves). Nothing is written. Align the part,"
+            " or allow more with --remaining.",
+            control=control, mm=f"{error_mm:.4f}", allowed=f"{remaining_mm:g}",
+        )  # fmt: skip
+    x, y = _tilts(pose)
+    return keyed(
+        "said.tilt_refused",
+        "linuxcnc cannot say this pose: a corner of the part's box would be off by {mm} mm, allowed"
+        " are {allowed} mm (tilt that remains: {x} about X, {y} about Y, in mm/m). Nothing is"
+        " written. Align the part, or allow more with --remaining.",
+        mm=f"{error_mm:.4f}", allowed=f"{remaining_mm:g}", x=x, y=y,
+    )  # fmt: skip
 
 
 def _tilt(pose: RigidTransform) -> tuple[str, ...]:
-    about_x, about_y = -1e3 * pose.rotation[1, 2], 1e3 * pose.rotation[0, 2]
-    return (f"tilt that remains: {about_x:.6f} about X, {about_y:.6f} about Y, in mm/m",)
+    x, y = _tilts(pose)
+    return (f"tilt that remains: {x} about X, {y} about Y, in mm/m",)
+
+
+def _tilts(pose: RigidTransform) -> tuple[str, str]:
+    """Return the tilt about X and about Y, mm/m, as people read it."""
+    return f"{-1e3 * pose.rotation[1, 2]:.6f}", f"{1e3 * pose.rotation[0, 2]:.6f}"
 
 
 def _heights(box: Box, misses: Array) -> tuple[str, ...]:

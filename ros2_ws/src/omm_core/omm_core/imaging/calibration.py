@@ -26,6 +26,7 @@ from omm_core.files.yaml_input import YamlSection, read_yaml
 from omm_core.geometry import RigidTransform
 from omm_core.imaging.lens import BrownPhotogrammetric, Lens, PlumbBob, check_lens
 from omm_core.imaging.taking import Body, Imaging
+from omm_core.words import keyed, verbatim
 
 Array = NDArray[np.float64]
 
@@ -102,9 +103,15 @@ class CameraCalibration:
         if tuple(shape) != (self.height_px, self.width_px):
             got = " x ".join(str(n) for n in reversed(shape))
             raise InputError(
-                f"Expected images of {self.width_px} x {self.height_px} pixels, for which"
-                f" '{self.name}' is calibrated, got {got}. Use the calibration of this camera, and"
-                " no region of interest or binning."
+                keyed(
+                    "said.other_size",
+                    "Expected images of {wanted} pixels, for which '{camera}' is calibrated, got"
+                    " {got}. Use the calibration of this camera, and no region of interest or"
+                    " binning.",
+                    wanted=f"{self.width_px} x {self.height_px}",
+                    camera=verbatim(self.name),
+                    got=got,
+                )
             )
 
     def parameter_names(self) -> tuple[str, ...]:

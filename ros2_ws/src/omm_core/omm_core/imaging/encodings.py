@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.errors import InputError
+from omm_core.words import keyed, verbatim
 
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
@@ -90,9 +91,12 @@ def grey_image(
     kind = _ENCODINGS.get(encoding)
     if kind is None:
         raise InputError(
-            "Expected images encoded as mono8, mono16, bgr8, rgb8, bgra8, rgba8, 8UC3, "
-            f"yuv422_yuy2 or bayer_*, got {encoding or 'no encoding'!r}. "
-            "Set the camera to a monochrome format."
+            keyed(
+                "said.encoding",
+                "Expected images encoded as mono8, mono16, bgr8, rgb8, bgra8, rgba8, 8UC3,"
+                " yuv422_yuy2 or bayer_*, got {got}. Set the camera to a monochrome format.",
+                got=verbatim(repr(encoding or "no encoding")),
+            )
         )
     dtype = np.dtype("u1" if kind.bits == 8 else ">u2" if big_endian else "<u2")
     row_bytes = width_px * kind.channels * dtype.itemsize
@@ -101,9 +105,13 @@ def grey_image(
     short = step_bytes < row_bytes or values.size < step_bytes * height_px
     if width_px <= 0 or height_px <= 0 or short:
         raise InputError(
-            f"Expected {height_px} rows of {row_bytes} bytes, got {values.size} bytes in rows of "
-            f"{step_bytes}: the image is damaged."
-        )
+            keyed(
+                "said.image_damaged",
+                "Expected {rows} rows of {bytes} bytes, got {got} bytes in rows of {step}: the"
+                " image is damaged.",
+                rows=height_px, bytes=row_bytes, got=values.size, step=step_bytes,
+            )
+        )  # fmt: skip
     rows = values[: step_bytes * height_px].reshape(height_px, step_bytes)[:, :row_bytes]
     if not rows.flags.c_contiguous and dtype.itemsize > 1:
         rows = np.ascontiguousarray(rows)

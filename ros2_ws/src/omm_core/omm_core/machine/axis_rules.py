@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 from omm_core.files.machine import Follows
 from omm_core.files.machine import Machine as MachineFile
+from omm_core.words import NOTHING, Words, keyed, verbatim
 
 FOLLOW_TOLERANCE = {False: 0.02, True: 2e-5}
 """How far two drives of one axis may be apart, mm and rad, where machine.yaml does not say."""
@@ -35,7 +36,7 @@ class AxisRules:
         unusable: Mapping[str, str],
         followers: Mapping[str, str],
         known: Mapping[str, bool],
-    ) -> str:
+    ) -> Words:
         """Return why no pose may be made of positions, naming the axis; empty where one may.
 
         Parameters
@@ -51,41 +52,62 @@ class AxisRules:
             if axis in self.ignored:
                 continue
             if axis in unusable:
-                return f"axis {axis}: {unusable[axis]}{_way_out(axis, known)}"
+                return _with_way_out(
+                    keyed("said.axis_unusable", "axis {axis}: {why}", axis=axis,
+                          why=verbatim(unusable[axis])),
+                    axis, known,
+                )  # fmt: skip
             if axis in follows:
                 apart = _apart(axis, follows[axis], positions, known)
                 if apart:
                     return apart
             elif axis not in known:
-                return (
-                    f"axis {axis} is reported by the control (at {positions[axis]:.4f}) and "
-                    f"is not in the machine's URDF{_way_out(axis, known)}"
-                )
-        return ""
+                return _with_way_out(_not_in_urdf(axis, positions[axis]), axis, known)
+        return NOTHING
 
 
 def _apart(
     axis: str, follows: Follows, positions: Mapping[str, float], known: Mapping[str, bool]
-) -> str:
+) -> Words:
     leader = follows.leader
     if leader not in positions:
-        return f"axis {axis} follows {leader}, of which the control reports no position"
+        return keyed(
+            "said.no_leader",
+            "axis {axis} follows {leader}, of which the control reports no position",
+            axis=axis,
+            leader=leader,
+        )
     turns = known.get(leader, False)
     tolerance = FOLLOW_TOLERANCE[turns] if follows.tolerance is None else follows.tolerance
     apart = abs(positions[axis] - positions[leader])
     if math.isfinite(apart) and apart <= tolerance:
-        return ""
+        return NOTHING
     unit = "rad" if turns else "mm"
-    return (
-        f"axis {axis} follows {leader} and is {apart:.4f} {unit} apart from it, more than "
-        f"{tolerance:g} {unit}"
+    return keyed(
+        "said.apart",
+        "axis {axis} follows {leader} and is {apart} {unit} apart from it, more than {most} {unit}",
+        axis=axis, leader=leader, apart=f"{apart:.4f}", unit=unit, most=f"{tolerance:g}",
+    )  # fmt: skip
+
+
+def _not_in_urdf(axis: str, at: float) -> Words:
+    return keyed(
+        "said.not_in_urdf",
+        "axis {axis} is reported by the control (at {at}) and is not in the machine's URDF",
+        axis=axis,
+        at=f"{at:.4f}",
     )
 
 
-def _way_out(axis: str, known: Mapping[str, bool]) -> str:
+def _with_way_out(words: Words, axis: str, known: Mapping[str, bool]) -> Words:
+    """Return words with what to do about an axis that the machine does not know."""
     if axis in known:
-        return ""
-    return (
-        f": add it to the URDF, or to machine.yaml as {axis}: {{ignored: true}} if it moves "
-        f"neither spindle nor part, or {axis}: {{follows: …}} if it is a second drive"
+        return words
+    return keyed(
+        "said.axis_way_out",
+        "{what}: add it to the URDF, or to machine.yaml as {ignored} if it moves neither spindle"
+        " nor part, or {follows} if it is a second drive",
+        what=words,
+        ignored=verbatim(f"{axis}: {{ignored: true}}"),
+        follows=verbatim(f"{axis}: {{follows: …}}"),
     )

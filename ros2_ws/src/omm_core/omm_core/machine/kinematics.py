@@ -22,6 +22,7 @@ from omm_core.files.machine import load_machine
 from omm_core.geometry import RigidTransform
 from omm_core.machine.axis_rules import AxisRules
 from omm_core.machine.urdf import Joint, Robot, load_urdf
+from omm_core.words import Words, keyed
 
 Array = NDArray[np.float64]
 
@@ -121,10 +122,18 @@ class Machine:
         matrix = self._pose(self._checked(axes))
         return RigidTransform(rotation=matrix[:3, :3], translation_mm=matrix[:3, 3])
 
-    def out_of_limits(self, axes: Mapping[str, float], slack: float = 1e-6) -> tuple[str, ...]:
+    def out_of_limits(self, axes: Mapping[str, float], slack: float = 1e-6) -> tuple[Words, ...]:
         """Describe the axes whose position lies outside what the machine can reach."""
         return tuple(
-            f"{a.name} = {axes[a.name]:.4f} {a.unit} is outside of {a.lower:.4f} … {a.upper:.4f}"
+            keyed(
+                "said.out_of_limits",
+                "{axis} = {at} {unit} is outside of {low} … {high}",
+                axis=a.name,
+                at=f"{axes[a.name]:.4f}",
+                unit=a.unit,
+                low=f"{a.lower:.4f}",
+                high=f"{a.upper:.4f}",
+            )
             for a in self.axes
             if a.name in axes and not a.lower - slack <= axes[a.name] <= a.upper + slack
         )

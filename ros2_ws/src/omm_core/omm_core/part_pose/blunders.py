@@ -21,7 +21,13 @@ from numpy.typing import NDArray
 from omm_core.part_pose.fit import Fit, fit
 from omm_core.part_pose.grid_kernels import bayes_factors
 from omm_core.part_pose.machine_noise import NoiseGrid, both_grids, geometry_lengths
-from omm_core.part_pose.naming import cannot_leave_out, cannot_tell_which, describe
+from omm_core.part_pose.naming import (
+    cannot_leave_out,
+    cannot_tell_which,
+    describe,
+    either,
+    failed,
+)
 from omm_core.part_pose.noise_model import NoiseModel, noise_model
 from omm_core.part_pose.posterior import (
     Matrices,
@@ -33,6 +39,7 @@ from omm_core.part_pose.posterior import (
 from omm_core.part_pose.problem import Problem, SolveOptions
 from omm_core.part_pose.snooping import Hypothesis, lost, search
 from omm_core.part_pose.statistics import chi2_limit
+from omm_core.words import Words
 
 Array = NDArray[np.float64]
 
@@ -69,8 +76,8 @@ class Found:
     fit: Fit
     posterior: Posterior | None
     dropped: NDArray[np.bool_]
-    reasons: dict[int, str]
-    findings: tuple[str, ...]
+    reasons: dict[int, Words]
+    findings: tuple[Words, ...]
     contradictory: bool = False
 
 
@@ -99,7 +106,7 @@ def _found(
         try:
             estimated = posterior(noise_model(current.problem, current.best, options), options)
         except np.linalg.LinAlgError as error:
-            current = replace(current, missing=(*current.missing, f"all: {error}."))
+            current = replace(current, missing=(*current.missing, failed(error)))
     contradictory = estimated is not None and _beyond_machines(estimated.model, options)
     if before is not None:
         return replace(before, fit=current, posterior=estimated, contradictory=contradictory)
@@ -271,7 +278,7 @@ def _leave_out(
     if not enough or rest is None:
         missing = cannot_tell_which(words) if len(words) > 1 else cannot_leave_out(words[0])
         return replace(found, fit=replace(found.fit, missing=(missing,)))
-    told = words[0] if len(words) == 1 else "either " + "; or ".join(words)
+    told = either(words)
     reasons = found.reasons | {int(index): told for index in np.flatnonzero(union)}
     before = replace(found, dropped=dropped, reasons=reasons, findings=(*found.findings, told))
     return _found(rest, problem, options, before)

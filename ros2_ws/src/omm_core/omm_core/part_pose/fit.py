@@ -13,6 +13,7 @@ from omm_core.part_pose.observability import ambiguous, not_determined, too_few
 from omm_core.part_pose.problem import Problem, SolveOptions
 from omm_core.part_pose.statistics import Statistics, analyse, chi2_limit
 from omm_core.part_pose.uncertainty import Propagation, propagate
+from omm_core.words import Words, keyed
 
 _AS_LIKELY = 13.8  # difference of cost: below it, a second pose has odds above 1 : 1000
 _SAME_POSE_MM = 0.01
@@ -27,9 +28,9 @@ class Fit:
 
     problem: Problem
     options: SolveOptions
-    missing: tuple[str, ...] = ()
+    missing: tuple[Words, ...] = ()
     unseen: bool = False  # no pose from which the camera could have seen what it saw
-    poor: tuple[str, ...] = ()
+    poor: tuple[Words, ...] = ()
     best: Adjustment | None = None
     minima: tuple[Adjustment, ...] = ()
     propagation: Propagation | None = None
@@ -77,9 +78,10 @@ def fit(problem: Problem, options: SolveOptions, near: Sequence[Adjustment] | No
     else:
         minima = sorted((refine(problem, options, pose) for pose in near), key=lambda m: m.cost)
     if not minima or not np.isfinite(minima[0].cost):
-        words = (
+        words = keyed(
+            "said.no_pose_found",
             "all: no pose of the part was found from which the camera could have seen what it saw:"
-            " check the part file, the calibration and the spindle poses."
+            " check the part file, the calibration and the spindle poses.",
         )
         return Fit(problem=problem, options=options, missing=(words,), unseen=True)
     best = minima[0]
@@ -98,7 +100,12 @@ def fit(problem: Problem, options: SolveOptions, near: Sequence[Adjustment] | No
     words_missing, poor = not_determined(problem, best, propagation.covariance, options)
     words_missing += as_likely(minima, best, scale=1.0)
     if not best.converged:
-        words_missing.append("all: the least squares did not converge; take more images.")
+        words_missing.append(
+            keyed(
+                "said.not_converged",
+                "all: the least squares did not converge; take more images.",
+            )
+        )
     return Fit(
         problem=problem,
         options=options,
@@ -110,7 +117,7 @@ def fit(problem: Problem, options: SolveOptions, near: Sequence[Adjustment] | No
     )
 
 
-def as_likely(minima: Sequence[Adjustment], best: Adjustment, scale: float) -> list[str]:
+def as_likely(minima: Sequence[Adjustment], best: Adjustment, scale: float) -> list[Words]:
     """Return words for a second pose that fits as well; ``scale``: cost of a degree of freedom."""
     for other in minima[1:]:
         if other.cost - minima[0].cost < _AS_LIKELY * scale and _apart(other, minima[0]):

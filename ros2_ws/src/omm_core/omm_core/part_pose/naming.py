@@ -13,6 +13,7 @@ from omm_core.part_pose.adjustment import Adjustment
 from omm_core.part_pose.fit import Fit
 from omm_core.part_pose.kernels import predict_all
 from omm_core.part_pose.problem import Indices, Problem
+from omm_core.words import Words, keyed, verbatim
 
 Array = NDArray[np.float64]
 
@@ -27,7 +28,7 @@ def describe(
     members: NDArray[np.bool_],
     kind: Literal["observation", "image", "target"],
     without: Fit,
-) -> str:
+) -> Words:
     """Return words for wrong observations, given the fit without them."""
     assert without.best is not None
     indices = np.flatnonzero(members)
@@ -35,71 +36,124 @@ def describe(
         return _bumped(problem, indices, without.best)
     other = _pose_of_another_image(problem, indices, without.best)
     images = {int(problem.image_of[index]) for index in indices}
-    when = f"the image of {problem.stamps_ns[images.pop()]} ns"
-    off = float(np.max(_off_px(problem, indices, without.best)))
+    ns = problem.stamps_ns[images.pop()]
+    off = f"{float(np.max(_off_px(problem, indices, without.best))):.2f}"
     if other is not None:
-        return (
-            f"the spindle pose given for {when} is not where it was taken: the image fits the pose"
-            f" of the image of {other} ns"
-        )
+        return keyed(
+            "said.pose_of_other",
+            "the spindle pose given for the image of {ns} ns is not where it was taken: the image"
+            " fits the pose of the image of {other} ns",
+            ns=ns, other=other,
+        )  # fmt: skip
     shared = _shares_pose(problem, int(problem.image_of[indices[0]]))
     if shared is not None:
-        return (
-            f"the spindle pose given for {when} is not where it was taken: it is that of the image"
-            f" of {shared} ns"
-        )
+        return keyed(
+            "said.pose_shared",
+            "the spindle pose given for the image of {ns} ns is not where it was taken: it is that"
+            " of the image of {other} ns",
+            ns=ns, other=shared,
+        )  # fmt: skip
     if kind == "image":
-        return f"all targets in {when} are up to {off:.2f} px off: its spindle pose is wrong"
+        return keyed(
+            "said.pose_wrong",
+            "all targets in the image of {ns} ns are up to {px} px off: its spindle pose is wrong",
+            ns=ns, px=off,
+        )  # fmt: skip
     target_id = problem.target_ids[problem.target_of[indices[0]]]
     read_as = _misread(problem, int(indices[0]), without.best)
     if read_as is not None:
-        return f"target {read_as} was read as {target_id} in {when}"
+        return keyed(
+            "said.misread",
+            "target {target} was read as {other} in the image of {ns} ns",
+            target=read_as, other=target_id, ns=ns,
+        )  # fmt: skip
     alone = np.count_nonzero(problem.image_of == problem.image_of[indices[0]]) == 1
-    what = "its centre or the image's spindle pose" if alone else "its centre"
-    return (
-        f"target {target_id} in {when} is {off:.2f} px off: {what} is wrong (a reflection or dirt"
-        " on the dot?)"
-    )
+    return _off(target_id, ns, off, alone=alone)
 
 
-def all_wrong(problem: Problem, rms_px: float, worst_machine_mm: float) -> str:
+def _off(target_id: int, ns: int, off: str, *, alone: bool) -> Words:
+    """Return words for a centre that is off: alone in its image, it may be the pose as well."""
+    if alone:
+        return keyed(
+            "said.centre_or_pose_wrong",
+            "target {target} in the image of {ns} ns is {px} px off: its centre or the image's"
+            " spindle pose is wrong (a reflection or dirt on the dot?)",
+            target=target_id, ns=ns, px=off,
+        )  # fmt: skip
+    return keyed(
+        "said.centre_wrong",
+        "target {target} in the image of {ns} ns is {px} px off: its centre is wrong (a reflection"
+        " or dirt on the dot?)",
+        target=target_id, ns=ns, px=off,
+    )  # fmt: skip
+
+
+def all_wrong(problem: Problem, rms_px: float, worst_machine_mm: float) -> Words:
     """Return words for observations that fit no pose, without one to blame."""
-    return (
-        f"all: the images contradict each other by {rms_px:.1f} px, more than a machine whose"
-        f" geometry errs by {worst_machine_mm:g} mm (worst_machine_mm) explains, and leaving out"
-        " one image or target does not mend it: check that part file, calibration and spindle"
-        " poses belong together."
-    )
+    return keyed(
+        "said.contradict",
+        "all: the images contradict each other by {px} px, more than a machine whose geometry errs"
+        " by {mm} mm (worst_machine_mm) explains, and leaving out one image or target does not"
+        " mend it: check that part file, calibration and spindle poses belong together.",
+        px=f"{rms_px:.1f}", mm=f"{worst_machine_mm:g}",
+    )  # fmt: skip
 
 
-def cannot_tell(rms_px: float, worst_machine_mm: float) -> str:
+def cannot_tell(rms_px: float, worst_machine_mm: float) -> Words:
     """Return words for a contradiction among too few observations."""
-    return (
-        f"all: the images contradict each other by {rms_px:.1f} px, more than a machine whose"
-        f" geometry errs by {worst_machine_mm:g} mm (worst_machine_mm) explains, and there are too"
-        " few to tell which is wrong: take another image of each target."
-    )
+    return keyed(
+        "said.contradict_few",
+        "all: the images contradict each other by {px} px, more than a machine whose geometry errs"
+        " by {mm} mm (worst_machine_mm) explains, and there are too few to tell which is wrong:"
+        " take another image of each target.",
+        px=f"{rms_px:.1f}", mm=f"{worst_machine_mm:g}",
+    )  # fmt: skip
 
 
-def cannot_tell_which(words: Sequence[str]) -> str:
+def cannot_tell_which(words: Sequence[Words]) -> Words:
     """Return words for several explanations of which any may be true."""
-    return (
+    return keyed(
+        "said.contradict_which",
         "all: the images contradict each other, and there are too few to tell which is wrong."
-        f" Either {'; or '.join(words)}. Take another image of each."
+        " Either {which}. Take another image of each.",
+        which=alternatives(words),
     )
 
 
-def cannot_leave_out(words: str) -> str:
+def alternatives(words: Sequence[Words]) -> Words:
+    """Return "one; or another"."""
+    told = words[0]
+    for following in words[1:]:
+        told = keyed("said.or_else", "{first}; or {second}", first=told, second=following)
+    return told
+
+
+def either(words: Sequence[Words]) -> Words:
+    """Return what was found: one thing, or several of which any may be true."""
+    if len(words) == 1:
+        return words[0]
+    return keyed("said.either", "either {which}", which=alternatives(words))
+
+
+def cannot_leave_out(words: Words) -> Words:
     """Return words for something wrong without which too little is left."""
-    return (
-        f"all: {words}; without it there are too few images to solve: take it anew, or more images"
-        " of the other targets."
+    return keyed(
+        "said.cannot_leave_out",
+        "all: {what}; without it there are too few images to solve: take it anew, or more images"
+        " of the other targets.",
+        what=words,
     )
 
 
-MIRRORED = (
+def failed(error: Exception) -> Words:
+    """Return words for a computation that failed."""
+    return keyed("said.failed", "all: {why}.", why=verbatim(str(error)))
+
+
+MIRRORED = keyed(
+    "said.mirrored",
     "all: the images are mirrored left to right (mirrored they fit): switch off the camera's"
-    " ReverseX or mirror setting."
+    " ReverseX or mirror setting.",
 )
 
 
@@ -161,7 +215,7 @@ def _misread(problem: Problem, index: int, best: Adjustment) -> int | None:
     return found if distance[nearest] < _SAME_PX and found != read else None
 
 
-def _bumped(problem: Problem, indices: Indices, best: Adjustment) -> str:
+def _bumped(problem: Problem, indices: Indices, best: Adjustment) -> Words:
     """Describe where a target is, by least squares of the rays to it."""
     target = int(problem.target_of[indices[0]])
     X = problem.points[target, 0].copy()
@@ -177,8 +231,13 @@ def _bumped(problem: Problem, indices: Indices, best: Adjustment) -> str:
     moved = X - problem.points[target, 0]
     target_id = problem.target_ids[target]
     if not np.all(np.isfinite(moved)):
-        return f"target {target_id} is not where the part file has it"
-    return (
-        f"target {target_id} is {np.linalg.norm(moved):.2f} mm from where the part file has it"
-        f" (x {moved[0]:+.2f}, y {moved[1]:+.2f}, z {moved[2]:+.2f} mm): was it bumped?"
-    )
+        return keyed(
+            "said.not_there", "target {target} is not where the part file has it", target=target_id
+        )
+    return keyed(
+        "said.bumped",
+        "target {target} is {mm} mm from where the part file has it (x {x}, y {y}, z {z} mm): was"
+        " it bumped?",
+        target=target_id, mm=f"{np.linalg.norm(moved):.2f}",
+        x=f"{moved[0]:+.2f}", y=f"{moved[1]:+.2f}", z=f"{moved[2]:+.2f}",
+    )  # fmt: skip

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from omm_core.part_pose.adjustment import Adjustment
 from omm_core.part_pose.problem import Problem, SolveOptions
+from omm_core.words import Words, keyed, listed
 
 Array = NDArray[np.float64]
 
@@ -15,46 +16,88 @@ LARGEST_SIGMA = np.array([5e-3] * 3 + [1.0] * 3 + [5e-3])
 """An unknown that is known worse than this (rad, mm; of the targets' centre) is not determined:
 a part is set up better than that by eye, and a holder turns less than that in its backlash."""
 POOR_SIGMA = LARGEST_SIGMA / 5
-_ON_A_LINE = 0.02  # of the length
+_LINE = 0.02  # of the length
 _FAR_OFF_MM = 20.0
 _USUAL_BASE_MM = 40.0
 
 
-def too_few(problem: Problem, options: SolveOptions) -> list[str]:
+def too_few(problem: Problem, options: SolveOptions) -> list[Words]:
     """Return what is missing before anything can be computed; empty where nothing is."""
     part_ids = [target.id for target in problem.part.targets]
     seen = sorted(set(problem.target_of.tolist()))
     seen_ids = [problem.target_ids[index] for index in seen]
     others = [target_id for target_id in part_ids if target_id not in seen_ids]
     if len(seen) < 3:
-        have = f"only {_targets(seen_ids)} seen" if seen else "no target of the part was seen yet"
-        if len(part_ids) < 3:
-            return [f"all: the part file has {len(part_ids)} targets; at least 3 are needed."]
-        return [
-            f"all: {have}; at least 3 targets that do not lie on a line are needed: take an"
-            f" image of {_any_of(others)}."
-        ]
+        return [_two_or_fewer(part_ids, seen_ids, others)]
     points = problem.points[seen, 0]
     _, spread, axes = np.linalg.svd(points - points.mean(axis=0))
-    if spread[1] < _ON_A_LINE * spread[0]:
+    if spread[1] < _LINE * spread[0]:
         named = ", ".join(NAMES[i] for i in np.flatnonzero(np.abs(axes[0]) > 0.5))
-        off = f": take an image of {_any_of(others)}" if others else ""
-        return [
-            f"the turn about the line through {_list(seen_ids)} ({named}): all targets seen lie"
-            f" on it; one off the line is needed{off}."
-        ]
+        return [_on_a_line(named, seen_ids, others)]
     missing = options.unknowns - 2 * len(problem)
     if missing > 0:
         return [
-            f"all: {2 * len(problem)} coordinates were measured for {options.unknowns} unknowns;"
-            f" take at least {-(-missing // 2)} more image(s) of any target of the part."
-        ]
+            keyed(
+                "said.few_coordinates",
+                "all: {have} coordinates were measured for {unknowns} unknowns; take at least {n}"
+                " more image(s) of any target of the part.",
+                have=2 * len(problem), unknowns=options.unknowns, n=-(-missing // 2),
+            )
+        ]  # fmt: skip
     return []
+
+
+def _two_or_fewer(part_ids: list[int], seen: list[int], others: list[int]) -> Words:
+    """Return what is missing where fewer than three targets were seen."""
+    if len(part_ids) < 3:
+        return keyed(
+            "said.few_in_file",
+            "all: the part file has {n} targets; at least 3 are needed.",
+            n=len(part_ids),
+        )
+    targets = _any_of(others)
+    if not seen:
+        return keyed(
+            "said.none_seen",
+            "all: no target of the part was seen yet; at least 3 targets that do not lie on a line"
+            " are needed: take an image of target {targets}.",
+            targets=targets,
+        )
+    if len(seen) == 1:
+        return keyed(
+            "said.one_seen",
+            "all: only target {seen} was seen; at least 3 targets that do not lie on a line are"
+            " needed: take an image of target {targets}.",
+            seen=seen[0], targets=targets,
+        )  # fmt: skip
+    return keyed(
+        "said.two_seen",
+        "all: only targets {seen} were seen; at least 3 targets that do not lie on a line are"
+        " needed: take an image of target {targets}.",
+        seen=listed(seen), targets=targets,
+    )  # fmt: skip
+
+
+def _on_a_line(names: str, seen: list[int], others: list[int]) -> Words:
+    """Return what is missing where all targets seen lie on one line."""
+    if not others:
+        return keyed(
+            "said.on_a_line_all",
+            "the turn about the line through {targets} ({names}): all targets seen lie on it; one"
+            " off the line is needed.",
+            targets=listed(seen), names=names,
+        )  # fmt: skip
+    return keyed(
+        "said.on_a_line",
+        "the turn about the line through {targets} ({names}): all targets seen lie on it; one off"
+        " the line is needed: take an image of target {others}.",
+        targets=listed(seen), names=names, others=_any_of(others),
+    )  # fmt: skip
 
 
 def not_determined(
     problem: Problem, adjustment: Adjustment, covariance: Array | None, options: SolveOptions
-) -> tuple[list[str], list[str]]:
+) -> tuple[list[Words], list[Words]]:
     """Return what is not determined, and what is determined poorly.
 
     Parameters
@@ -71,17 +114,19 @@ def not_determined(
     return [], poor
 
 
-def ambiguous(other: Adjustment, best: Adjustment) -> str:
+def ambiguous(other: Adjustment, best: Adjustment) -> Words:
     """Return the words for a second pose that fits as well."""
     cosine = (np.trace(other.rotation @ best.rotation.T) - 1.0) / 2.0
     angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
     apart = float(np.linalg.norm(other.d0_mm - best.d0_mm))
     holder = abs(np.degrees(other.gamma_s_rad - best.gamma_s_rad))
-    return (
-        f"two poses of the part fit the images equally well ({angle:.2f}° and {apart:.2f} mm apart,"
-        f" γ_s {holder:.2f}°): take an image of another target, or of the same targets from"
-        " another direction."
-    )
+    return keyed(
+        "said.two_poses",
+        "two poses of the part fit the images equally well ({angle}° and {mm} mm apart, γ_s"
+        " {holder}°): take an image of another target, or of the same targets from another"
+        " direction.",
+        angle=f"{angle:.2f}", mm=f"{apart:.2f}", holder=f"{holder:.2f}",
+    )  # fmt: skip
 
 
 def _sigmas(adjustment: Adjustment, covariance: Array | None, options: SolveOptions) -> Array:
@@ -102,53 +147,81 @@ def _sigmas(adjustment: Adjustment, covariance: Array | None, options: SolveOpti
 def _words(
     problem: Problem, adjustment: Adjustment, sigma: Array, weak: NDArray[np.bool_],
     options: SolveOptions,
-) -> list[str]:  # fmt: skip
+) -> list[Words]:  # fmt: skip
     if not weak.any():
         return []
     names = [NAMES[i] for i in range(7) if weak[i]]
     of_gamma_s = options.model == "7d" and bool(weak[6])
-    advice = _advice(problem, adjustment, sigma, of_gamma_s=of_gamma_s)
     if of_gamma_s:
-        rest = f" (and with it {', '.join(names[:-1])})" if len(names) > 1 else ""
-        return [f"γ_s{rest}{_known_to(sigma[6])}: {advice}."]
-    worst = int(np.argmax(np.where(weak, sigma / LARGEST_SIGMA, 0.0)))
-    return [f"{', '.join(names)}{_known_to(sigma[worst], worst)}: {advice}."]
+        which, worst = Words("γ_s"), 6
+        if len(names) > 1:
+            rest = ", ".join(names[:-1])
+            which = keyed("said.with_it", "{first} (and with it {rest})", first="γ_s", rest=rest)
+    else:
+        which = Words(", ".join(names))
+        worst = int(np.argmax(np.where(weak, sigma / LARGEST_SIGMA, 0.0)))
+    named = _known_to(which, float(sigma[worst]), worst)
+    return [_advice(problem, adjustment, sigma, named, of_gamma_s=of_gamma_s)]
 
 
-def _known_to(sigma: float, index: int = 6) -> str:
+def _known_to(names: Words, sigma: float, index: int) -> Words:
+    """Return names with how well the worst of them is known, where it is known at all."""
     if not np.isfinite(sigma):
-        return ""
+        return names
     if index in (3, 4, 5):
-        return f" (known to {2 * sigma:.2g} mm only, k = 2)"
-    return f" (known to {2e3 * sigma:.2g} mm/m only, k = 2)"
+        return keyed(
+            "said.known_to_mm", "{names} (known to {U} mm only, k = 2)",
+            names=names, U=f"{2 * sigma:.2g}",
+        )  # fmt: skip
+    return keyed(
+        "said.known_to_angle", "{names} (known to {U} mm/m only, k = 2)",
+        names=names, U=f"{2e3 * sigma:.2g}",
+    )  # fmt: skip
 
 
-def _advice(problem: Problem, adjustment: Adjustment, sigma: Array, *, of_gamma_s: bool) -> str:
+def _advice(
+    problem: Problem, adjustment: Adjustment, sigma: Array, names: Words, *, of_gamma_s: bool
+) -> Words:
     """Return which images would help: γ_s and z need targets seen from two places."""
     bases = _bases(problem)
     in_file = [target.id for target in problem.part.targets]
     by_base = sorted(bases, key=lambda t: (-bases[t][1], in_file.index(problem.target_ids[t])))
-    target_id, base = problem.target_ids[by_base[0]], bases[by_base[0]][1]
-    wanted = _wanted_base(problem, adjustment, sigma)
+    target, base = problem.target_ids[by_base[0]], bases[by_base[0]][1]
+    wanted = f"{_wanted_base(problem, adjustment, sigma):.0f}"
     once = [problem.target_ids[t] for t in by_base if bases[t][0] == 1]
     if len(once) == len(bases):
-        return (
-            "every target was seen from one spindle position only; take a second image of target"
-            f" {target_id} at least {wanted:.0f} mm away"
-        )
-    if base < wanted / 4:
-        return (
-            f"the images of each target were taken from places at most {base:.1f} mm apart; take"
-            f" another image of target {target_id} at least {wanted:.0f} mm away"
-        )
+        return keyed(
+            "said.one_place",
+            "{names}: every target was seen from one spindle position only; take a second image of"
+            " target {target} at least {mm} mm away.",
+            names=names, target=target, mm=wanted,
+        )  # fmt: skip
+    if base < float(wanted) / 4:
+        return keyed(
+            "said.near_places",
+            "{names}: the images of each target were taken from places at most {base} mm apart;"
+            " take another image of target {target} at least {mm} mm away.",
+            names=names, base=f"{base:.1f}", target=target, mm=wanted,
+        )  # fmt: skip
     if once:
-        return f"take a second image of {_any_of(once)} at least {wanted:.0f} mm away"
+        return keyed(
+            "said.second_image",
+            "{names}: take a second image of target {targets} at least {mm} mm away.",
+            names=names, targets=_any_of(once), mm=wanted,
+        )  # fmt: skip
     if of_gamma_s:
-        return (
-            "take more images of each target, from places farther apart or with the spindle turned"
-            " about its axis"
+        return keyed(
+            "said.more_turned",
+            "{names}: take more images of each target, from places farther apart or with the"
+            " spindle turned about its axis.",
+            names=names,
         )
-    return "take more images, from spindle positions farther apart or of targets farther apart"
+    return keyed(
+        "said.more_apart",
+        "{names}: take more images, from spindle positions farther apart or of targets farther"
+        " apart.",
+        names=names,
+    )
 
 
 def _bases(problem: Problem) -> dict[int, tuple[int, float]]:
@@ -173,19 +246,5 @@ def _wanted_base(problem: Problem, adjustment: Adjustment, sigma: Array) -> floa
     return float(max(10.0, np.ceil(distance / 8 / 10 - 0.25) * 10))
 
 
-def _list(ids: list[int]) -> str:
-    words = [str(i) for i in ids]
-    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
-
-
-def _targets(ids: list[int]) -> str:
-    return f"target {ids[0]} was" if len(ids) == 1 else f"targets {_list(ids)} were"
-
-
-def _any_of(ids: list[int]) -> str:
-    if not ids:
-        return "any target"
-    words = [str(i) for i in ids[:4]]
-    return "target " + (
-        " or ".join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else words[0]
-    )
+def _any_of(ids: list[int]) -> Words:
+    return listed(ids[:4], choice=True)

@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.part_pose.fit import Fit, fit
-from omm_core.part_pose.naming import describe
+from omm_core.part_pose.naming import cannot_tell_which, describe
 from omm_core.part_pose.problem import Problem, SolveOptions
 from omm_core.part_pose.statistics import chi2_limit
+from omm_core.words import Words
 
 _TRIED = 12  # hypotheses of each kind, the most suspicious ones
 _TELLS_APART = 10.0  # difference of score, odds of about 1 : 150
@@ -54,8 +55,8 @@ class Search:
 
     fit: Fit
     dropped: NDArray[np.bool_]
-    reasons: dict[int, str]
-    findings: tuple[str, ...]
+    reasons: dict[int, Words]
+    findings: tuple[Words, ...]
 
 
 def search(problem: Problem, options: SolveOptions) -> Search:
@@ -78,10 +79,7 @@ def search(problem: Problem, options: SolveOptions) -> Search:
         words = describe(problem, hypothesis.members, hypothesis.kind, without)
         if rival is not None:
             doubt = describe(problem, rival.members, rival.kind, without)
-            contradiction = (
-                f"all: the images contradict each other, and there are too few to tell which is"
-                f" wrong. Either {words}; or {doubt}. Take another image of each."
-            )
+            contradiction = cannot_tell_which([words, doubt])
             return Search(
                 fit=Fit(problem=problem, options=options, missing=(contradiction,)),
                 dropped=np.zeros(len(problem), dtype=bool), reasons={}, findings=(),

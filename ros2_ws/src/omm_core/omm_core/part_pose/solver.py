@@ -20,13 +20,13 @@ from omm_core.part_pose.observability import not_determined
 from omm_core.part_pose.posterior import NO_POSE, PoseStatement, Posterior
 from omm_core.part_pose.problem import Observation, Problem, SolveOptions, build_problem
 from omm_core.part_pose.statistics import Statistics, analyse_posterior, chi2_limit
+from omm_core.words import Words, keyed
 
 Array = NDArray[np.float64]
 
 _MIRRORED_PX = 2.0  # residuals below which mirrored images fit
 _ENOUGH_TO_JUDGE = 3  # degrees of freedom from which residuals tell more than that all is wrong
 _ENOUGH = 200  # centres; evenly spread ones are taken where there are more
-_MANY = "not needed: {} centres are used, evenly spread over the images of each target"
 _DOUBTED = 0.001  # error probability of the test of a declared machine
 
 
@@ -80,13 +80,13 @@ class Solution:
     rms_px: float
     observations: tuple[Observation, ...]
     used: NDArray[np.bool_]
-    reasons: tuple[str | None, ...]
+    reasons: tuple[Words | None, ...]
     residuals_px: Array
     statistics: Statistics | None
-    missing: tuple[str, ...]
-    poor: tuple[str, ...]
-    findings: tuple[str, ...]
-    remarks: tuple[str, ...]
+    missing: tuple[Words, ...]
+    poor: tuple[Words, ...]
+    findings: tuple[Words, ...]
+    remarks: tuple[Words, ...]
 
     @property
     def theta(self) -> Array:
@@ -177,7 +177,12 @@ def _of_all(found: Found, many: NDArray[np.bool_]) -> Found:
     place = np.flatnonzero(~many)
     dropped = many.copy()
     dropped[place] = found.dropped
-    reasons = {int(i): _MANY.format(len(place)) for i in np.flatnonzero(many)}
+    enough = keyed(
+        "said.not_needed",
+        "not needed: {n} centres are used, evenly spread over the images of each target",
+        n=len(place),
+    )
+    reasons = {int(i): enough for i in np.flatnonzero(many)}
     reasons |= {int(place[index]): words for index, words in found.reasons.items()}
     return replace(found, dropped=dropped, reasons=reasons)
 
@@ -229,7 +234,7 @@ def _solution(problem: Problem, found: Found, options: SolveOptions) -> Solution
     noise: MachineNoise | None = None
     shares: dict[str, Array] = {}
     factor, findings = 1.0, found.findings
-    told: tuple[str, ...] = ()
+    told: tuple[Words, ...] = ()
     shown = fit.best
     if determined and estimated is not None:
         factor, wrong, doubts = _factor(estimated, options)
@@ -273,7 +278,7 @@ def _converged(best: Adjustment | None) -> bool:
 
 def _factor(
     estimated: Posterior, options: SolveOptions
-) -> tuple[float, tuple[str, ...], tuple[str, ...]]:
+) -> tuple[float, tuple[Words, ...], tuple[Words, ...]]:
     """Return what a declared machine's covariance must be multiplied with, findings, remarks."""
     declared = (options.stop_sigma_mm, options.geometry_sigma_mm)
     m = estimated.model.redundancy

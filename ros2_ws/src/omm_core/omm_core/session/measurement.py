@@ -18,15 +18,18 @@ from omm_core.geometry import RigidTransform
 from omm_core.imaging.calibration import CameraCalibration
 from omm_core.session.pairing import Judgement, PairingOptions, PoseTrack
 from omm_core.targets.coded.families import TargetFamily, mirror_code
+from omm_core.words import Words, keyed
 
 if TYPE_CHECKING:
     from omm_core.part_pose import Observation, Solution, SolveOptions
     from omm_core.session.result import ImageOutcome, MeasurementResult, ObservationOutcome
     from omm_core.targets import Detection
 
-_NOT_IN_PART = "not a target of the part"
-_NO_TARGET = "no target was found"
-_NO_PART_TARGET = "no target of the part was found"
+_NOT_IN_PART = keyed("said.not_in_part", "not a target of the part")
+_NO_TARGET = keyed("said.no_target", "no target was found")
+_NO_PART_TARGET = keyed("said.no_part_target", "no target of the part was found")
+_MORE_THAN_ONCE = keyed("said.more_than_once", "the number was found more than once in this image")
+_NOTHING_SOLVED = keyed("said.nothing_solved", "nothing could be solved yet")
 
 
 class FoundTarget(Protocol):
@@ -84,7 +87,7 @@ class Measurement:
         self.options = options or MeasurementOptions()
         self._family = TargetFamily.by_name(part.target_family)
         self._poses = PoseTrack(self.options.pairing)
-        self._images: dict[int, set[tuple[_Seen, ...] | str]] = {}
+        self._images: dict[int, set[tuple[_Seen, ...] | Words]] = {}
         self._solved: tuple[Any, Solution] | None = None
 
     def add_pose(self, stamp_ns: int, machine_T_spindle: RigidTransform) -> None:
@@ -134,11 +137,11 @@ class Measurement:
         ordered = tuple(sorted(seen, key=lambda s: (s.target_id, s.center_px)))
         self._add(stamp_ns, ordered)
 
-    def add_refused_image(self, stamp_ns: int, reason: str) -> None:
+    def add_refused_image(self, stamp_ns: int, reason: Words) -> None:
         """Record an image that could not be used at all."""
         self._add(stamp_ns, reason)
 
-    def _add(self, stamp_ns: int, content: tuple[_Seen, ...] | str) -> None:
+    def _add(self, stamp_ns: int, content: tuple[_Seen, ...] | Words) -> None:
         versions = self._images.setdefault(stamp_ns, set())
         if not any(_same(content, known) for known in versions):
             versions.add(content)
@@ -158,15 +161,15 @@ class Measurement:
         from omm_core.session.result import MeasurementResult
 
         accepted: dict[int, tuple[_Seen, ...]] = {}
-        refused: dict[int, str] = {}
+        refused: dict[int, Words] = {}
         judgements = {stamp_ns: self._poses.judge(stamp_ns) for stamp_ns in self._images}
         for stamp_ns in sorted(self._images):
             content = self._content(stamp_ns, accepted)
             reason = content if isinstance(content, str) else judgements[stamp_ns].reason
-            if reason is None and not isinstance(content, str):
+            if reason is not None:
+                refused[stamp_ns] = reason
+            elif not isinstance(content, str):
                 accepted[stamp_ns] = content
-            else:
-                refused[stamp_ns] = str(reason)
         solution = self._solve(accepted, judgements)
         outcomes = self._observation_outcomes(accepted, refused, solution)
         images = self._image_outcomes(accepted, refused, judgements, outcomes)
@@ -192,11 +195,13 @@ class Measurement:
 
     def _content(
         self, stamp_ns: int, earlier: dict[int, tuple[_Seen, ...]]
-    ) -> tuple[_Seen, ...] | str:
+    ) -> tuple[_Seen, ...] | Words:
         """Return the targets of an image, or why it cannot be used whatever its pose."""
         versions = self._images[stamp_ns]
         if len(versions) > 1:
-            return f"{len(versions)} different images carry this stamp"
+            return keyed(
+                "said.same_stamp", "{n} different images carry this stamp", n=len(versions)
+            )
         (content,) = versions
         if isinstance(content, str):
             return content
@@ -207,7 +212,9 @@ class Measurement:
         for other, known in earlier.items():
             # Two exposures are never equal to the last digit: the camera sent one of them twice.
             if _same(content, known):
-                return f"the camera sent the image of {other} ns again"
+                return keyed(
+                    "said.sent_again", "the camera sent the image of {ns} ns again", ns=other
+                )
         return content
 
     def _usable(self, content: tuple[_Seen, ...]) -> list[_Seen]:
@@ -251,7 +258,7 @@ class Measurement:
     def _observation_outcomes(
         self,
         accepted: dict[int, tuple[_Seen, ...]],
-        refused: dict[int, str],
+        refused: dict[int, Words],
         solution: Solution,
     ) -> tuple[ObservationOutcome, ...]:
         from omm_core.session.result import ObservationOutcome
@@ -296,21 +303,21 @@ class Measurement:
         stamp_ns: int,
         seen: _Seen,
         index: int | None,
-        refused: dict[int, str],
+        refused: dict[int, Words],
         solution: Solution,
-    ) -> str:
+    ) -> Words:
         if self.part.target(seen.target_id) is None:
             return _NOT_IN_PART
         if stamp_ns in refused:
             return refused[stamp_ns]
         if index is None:
-            return "the number was found more than once in this image"
-        return solution.reasons[index] or "nothing could be solved yet"
+            return _MORE_THAN_ONCE
+        return solution.reasons[index] or _NOTHING_SOLVED
 
     def _image_outcomes(
         self,
         accepted: dict[int, tuple[_Seen, ...]],
-        refused: dict[int, str],
+        refused: dict[int, Words],
         judgements: dict[int, Judgement],
         outcomes: tuple[ObservationOutcome, ...],
     ) -> tuple[ImageOutcome, ...]:
@@ -330,7 +337,7 @@ class Measurement:
             )
         return tuple(images)
 
-    def _mirrored(self) -> tuple[str, ...]:
+    def _mirrored(self) -> tuple[Words, ...]:
         """Tell images whose numbers make sense only when read the other way round."""
         part_ids = {target.id for target in self.part.targets}
         read = {seen.target_id for stamp in self._images for seen in self._all_seen(stamp)}
@@ -346,8 +353,11 @@ class Measurement:
         if turned < 2 or turned <= as_read:
             return ()
         return (
-            "all: the numbers of the targets make sense only in mirrored images: switch off the"
-            " camera's ReverseX or mirror setting.",
+            keyed(
+                "said.numbers_mirrored",
+                "all: the numbers of the targets make sense only in mirrored images: switch off the"
+                " camera's ReverseX or mirror setting.",
+            ),
         )
 
 
@@ -355,7 +365,7 @@ def _floats(values: Any) -> Any:
     return tuple(float(value) for value in np.asarray(values, dtype=float).ravel())
 
 
-def _same(one: tuple[_Seen, ...] | str, other: tuple[_Seen, ...] | str) -> bool:
+def _same(one: tuple[_Seen, ...] | Words, other: tuple[_Seen, ...] | Words) -> bool:
     if isinstance(one, str) or isinstance(other, str):
         return one == other
     return [(s.target_id, s.center_px) for s in one] == [(s.target_id, s.center_px) for s in other]

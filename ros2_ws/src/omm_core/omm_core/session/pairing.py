@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from omm_core.errors import InputError
 from omm_core.geometry import RigidTransform, quaternion_xyzw_from_rotation
+from omm_core.words import Words, keyed
 
 _NUMBERS = 12  # rotation row by row, translation
 
@@ -56,14 +57,14 @@ class Judgement:
     ----------
     machine_T_spindle : RigidTransform or None
         Where the spindle stood; None where not known.
-    reason : str or None
+    reason : Words or None
         Why it is not known.
     pending : bool
         Whether samples that are still to come may change that.
     """
 
     machine_T_spindle: RigidTransform | None = None
-    reason: str | None = None
+    reason: Words | None = None
     pending: bool = False
 
 
@@ -127,14 +128,20 @@ class PoseTrack:
         before, after = bisect_right(stamps, stamp_ns), len(stamps) - bisect_left(stamps, stamp_ns)
         pending = not self._stamps or self._stamps[-1] < end
         if after == 0:
-            return Judgement(reason="no spindle pose after the image", pending=pending)
+            words = keyed("said.no_pose_after", "no spindle pose after the image")
+            return Judgement(reason=words, pending=pending)
         if before == 0:
-            return Judgement(reason="no spindle pose before the image", pending=pending)
+            words = keyed("said.no_pose_before", "no spindle pose before the image")
+            return Judgement(reason=words, pending=pending)
         gaps = [b - a for a, b in pairwise(stamps)]
         uncovered = max(stamps[0] - begin, end - stamps[-1], 0)
         gap = max([*gaps, uncovered])
         if gap > options.gap_ns:
-            words = f"a gap of {gap / 1e9:.3f} s in the spindle poses around the image"
+            words = keyed(
+                "said.gap",
+                "a gap of {s} s in the spindle poses around the image",
+                s=f"{gap / 1e9:.3f}",
+            )
             return Judgement(reason=words, pending=pending)
         rows = [piece for row in self._rows[first : last + 1] for piece in _split(row)]
         samples = np.frombuffer(b"".join(rows)).reshape(-1, _NUMBERS)
@@ -153,10 +160,16 @@ def _still(samples: NDArray[np.float64], options: PairingOptions, pending: bool)
     # |R_1 - R_2| (Frobenius) = sqrt(2) times the angle, where that is small.
     turned_rad = float(np.linalg.norm(np.ptp(samples[:, :9], axis=0)) / math.sqrt(2.0))
     if moved_mm > options.tolerance_mm:
-        words = f"the spindle moved by {moved_mm:.3f} mm around the image"
+        words = keyed(
+            "said.moved", "the spindle moved by {mm} mm around the image", mm=f"{moved_mm:.3f}"
+        )
         return Judgement(reason=words, pending=pending)
     if turned_rad > options.tolerance_rad:
-        words = f"the spindle turned by {1e3 * turned_rad:.3f} mm/m around the image"
+        words = keyed(
+            "said.turned",
+            "the spindle turned by {angle} mm/m around the image",
+            angle=f"{1e3 * turned_rad:.3f}",
+        )
         return Judgement(reason=words, pending=pending)
     mean = samples.mean(axis=0)
     # The mean of rotations that differ by 20 µrad is a rotation to 1e-10; the quaternion makes it

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from omm_core.part_pose import THETA_NAMES, Solution
 from omm_core.part_pose.machine_noise import MachineNoise
+from omm_core.words import Words
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,7 +20,7 @@ class ImageOutcome:
 
     stamp_ns: int
     used: bool
-    reason: str | None
+    reason: Words | None
     pending: bool = False
 
 
@@ -40,7 +41,7 @@ class ObservationOutcome:
     center_px: tuple[float, float]
     residual_px: tuple[float, float]
     used: bool
-    reason: str | None
+    reason: Words | None
     redundancy: float = math.nan
     w_test: float = math.nan
     smallest_detectable_px: float = math.nan
@@ -68,8 +69,8 @@ class MeasurementResult:
     images: tuple[ImageOutcome, ...]
     observations: tuple[ObservationOutcome, ...]
     images_per_target: dict[int, int]
-    findings: tuple[str, ...]
-    missing: tuple[str, ...]
+    findings: tuple[Words, ...]
+    missing: tuple[Words, ...]
 
     @property
     def determined(self) -> bool:

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from omm_core.words import Words
+
 
 @dataclass(frozen=True, kw_only=True)
 class DetectedTarget:
@@ -46,7 +48,7 @@ class RefusedTarget:
 
     center_px: NDArray[np.float64]
     diameter_px: float
-    reason: str
+    reason: Words
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,10 +22,13 @@ export async function choose(name) {
 export function t(key, args) {
   const template = words[key];
   if (template === undefined) return key;
-  return template.replace(/\{([a-z_]+)\}/g, (_, name) => argument(key, String(args?.[name] ?? "")));
+  return template.replace(/\{([a-zA-Z_]+)\}/g, (_, name) => argument(key, args?.[name] ?? ""));
 }
 
-function argument(key, text) {
+// An argument is text, or something said: words in words.
+function argument(key, value) {
+  if (typeof value === "object") return tell(value);
+  const text = String(value);
   return key === "said.verbatim" ? text : decimal(between.reduce((t, [from, to]) => t.replace(from, to), text));
 }
 

@@ -73,6 +73,7 @@ class EstimateFact:
     residuals: tuple[ResidualFact, ...] = ()
     missing: tuple[str, ...] = ()
     findings: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
     clamping: int = 0
     revoked: bool = False
     revoked_reason: str = ""

@@ -11,6 +11,7 @@ from omm_core.alignment.controls import CONTROLS, control_and_number
 from omm_core.alignment.handover import Box, Handover, hand_over
 from omm_core.errors import OmmError
 from omm_core.files.part import Part
+from omm_core.words import NOTHING, Words, of_error
 from omm_operator.screen.facts import ControlFact, EstimateFact, OffsetFact
 from omm_report.language import Said, say
 
@@ -113,12 +114,14 @@ def words_for(
 
 def handover_or_why(
     estimate: EstimateFact, part: Part | None, words: str, options: HandingOptions
-) -> tuple[Handover | None, str]:
+) -> tuple[Handover | None, Words]:
     """Return the words, or why there are none."""
     try:
-        return words_for(estimate, part, words, options.offset_of(words), options.remaining_mm), ""
+        return words_for(
+            estimate, part, words, options.offset_of(words), options.remaining_mm
+        ), NOTHING
     except OmmError as error:
-        return None, str(error)
+        return None, of_error(error)
 
 
 def offset_to_write(

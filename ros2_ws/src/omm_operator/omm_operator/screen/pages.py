@@ -9,6 +9,7 @@ from omm_core.alignment.handover import Handover
 from omm_core.alignment.jacks import MODES
 from omm_core.errors import OmmError
 from omm_core.session.quantities import THETA
+from omm_core.words import of_error
 from omm_operator.screen import result
 from omm_operator.screen.correcting import correction_dict, corrections_in_all_modes, remarks
 from omm_operator.screen.facts import EstimateFact, FoundFact, OffsetFact, PictureFact
@@ -20,7 +21,7 @@ from omm_operator.screen.handing import (
     offset_to_write,
 )
 from omm_operator.screen.watch import Source
-from omm_report.language import recognise
+from omm_report.language import said_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -36,7 +37,7 @@ number = result.number
 
 def source_dict(source: Source) -> dict[str, Any]:
     """Return how a station is."""
-    detail = recognise(source.detail).to_json_dict() if source.detail else None
+    detail = said_of(source.detail).to_json_dict() if source.detail else None
     return {"name": source.name, "state": source.state, "age_s": source.age_s, "detail": detail}
 
 
@@ -78,7 +79,7 @@ def measure(kept: Kept) -> dict[str, Any]:
             "program": control.program,
             "line": control.program_line,
             "in_position": control.in_position,
-            "moving": recognise(control.moving_reason).to_json_dict()
+            "moving": said_of(control.moving_reason).to_json_dict()
             if control.moving_reason
             else None,
             "axes": [[name, number(value)] for name, value in control.axes],
@@ -88,7 +89,7 @@ def measure(kept: Kept) -> dict[str, Any]:
         **_images(estimate),
         "pending": estimate.images_pending if estimate else 0,
         "targets": [list(target) for target in estimate.targets] if estimate else [],
-        "missing": [recognise(m).to_json_dict() for m in estimate.missing] if estimate else [],
+        "missing": [said_of(m).to_json_dict() for m in estimate.missing] if estimate else [],
         "picture": _picture(kept.picture, kept.found, estimate),
     }
 
@@ -103,7 +104,7 @@ def result_page(kept: Kept, history: History, *, live: bool, now_ns: int) -> dic
     return shown | {
         "holds": estimate.holds,
         "revoked": estimate.revoked,
-        "revoked_reason": recognise(estimate.revoked_reason).to_json_dict(),
+        "revoked_reason": said_of(estimate.revoked_reason).to_json_dict(),
         "age_s": max(0.0, (now_ns - estimate.stamp_ns) / 1e9) if estimate.stamp_ns else None,
         "model": estimate.model,
         "clamping": estimate.clamping,
@@ -112,7 +113,7 @@ def result_page(kept: Kept, history: History, *, live: bool, now_ns: int) -> dic
         "degrees_of_freedom": estimate.degrees_of_freedom,
         "rows": [row.to_json_dict() for row in found],
         "advice": result.advice(found) if estimate.holds else "none",
-        "findings": [recognise(finding).to_json_dict() for finding in estimate.findings],
+        "findings": [said_of(finding).to_json_dict() for finding in estimate.findings],
         "shares": {
             source: [number(share) for share in shares]
             for source, shares in estimate.shares.items()
@@ -140,7 +141,7 @@ def correct(kept: Kept, history: History) -> dict[str, Any]:
     try:
         found = corrections_in_all_modes(estimate, kept.part, kept.jacks, kept.up)
     except OmmError as error:
-        return shown | {"why": recognise(str(error)).to_json_dict()}
+        return shown | {"why": said_of(of_error(error)).to_json_dict()}
     shown["modes"] = {mode: [correction_dict(c) for c in found[mode]] for mode in MODES}
     shown["remarks"] = {
         mode: [said.to_json_dict() for said in remarks(kept.jacks, found[mode])] for mode in MODES
@@ -184,7 +185,7 @@ def hand(kept: Kept, options: HandingOptions, conditions: Sequence[Condition]) -
         "unconfirmed": list(told.handover.words.unconfirmed) if told.handover else [],
         "error_mm": told.handover.error_mm if told.handover else None,
         "remaining_mm": options.remaining_mm,
-        "why": recognise(told.why).to_json_dict() if told.why else None,
+        "why": said_of(told.why).to_json_dict() if told.why else None,
         "old": offset_dict(kept.offset),
         "new": offset_dict(told.wanted),
         "conditions": [
@@ -203,7 +204,7 @@ def _images(estimate: EstimateFact | None) -> dict[str, Any]:
     """Return how many images were used, and the newest that were refused: never all of them."""
     images = estimate.images if estimate else ()
     refused = [
-        {"number": at, "why": recognise(image.reason).to_json_dict()}
+        {"number": at, "why": said_of(image.reason).to_json_dict()}
         for at, image in enumerate(images, start=1)
         if image.reason and not image.used
     ]
@@ -235,7 +236,7 @@ def _picture(
             for target, col, row in seen.targets
         ],
         "refused": [
-            {"col": col, "row": row, "why": recognise(why).to_json_dict()}
+            {"col": col, "row": row, "why": said_of(why).to_json_dict()}
             for col, row, why in seen.refused[:50]
         ],
     }
@@ -244,7 +245,7 @@ def _picture(
 def _residual(residual: Any) -> dict[str, Any]:
     if residual is None:
         return {"used": None, "residual": None, "why": None}
-    said = recognise(residual.reason)
+    said = said_of(residual.reason)
     if said.key == NOT_YET:  # nothing is wrong with it
         return {"used": None, "residual": None, "why": None}
     return {

@@ -30,7 +30,7 @@ from omm_operator.screen.handing import HandingOptions, Situation, conditions
 from omm_operator.screen.history import History
 from omm_operator.screen.troubles import Troubles
 from omm_operator.screen.watch import SOURCES, Watch
-from omm_report.language import Said, recognise, say
+from omm_report.language import Said, said_of, say
 
 Array = NDArray[np.float64]
 _ERROR = 2
@@ -234,7 +234,7 @@ class Screen:
 
     def _no_words(self) -> Said | None:
         hand = pages.hand_words(self.kept, self.options)
-        return None if hand.wanted is not None else recognise(hand.why)
+        return None if hand.wanted is not None else said_of(hand.why)
 
     # --- what commands change ------------------------------------------------------------------
 
@@ -290,7 +290,7 @@ class Screen:
         }
 
     def _trouble(self, said: Said, detail: str) -> None:
-        self.troubles.add(said, self._wall_ns(), recognise(detail) if detail else None)
+        self.troubles.add(said, self._wall_ns(), said_of(detail) if detail else None)
 
     def _learn_stops(self, before: ControlFact, fact: ControlFact) -> None:
         """Count the images between a program's start and its end."""

@@ -11,6 +11,7 @@ from typing import Any
 
 from omm_cnc_bridge.control import WorkOffset
 from omm_core.errors import DeviceError
+from omm_core.words import keyed
 
 NAMES = ("G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3")
 LARGEST_MM = 100_000.0
@@ -31,13 +32,30 @@ def block(status: dict[str, Any], offset: WorkOffset) -> str:
     a, b, c = offset.euler_xyz_rad
     values = (*offset.xyz_mm, math.degrees(c))
     if not all(math.isfinite(v) for v in (*values, a, b)) or max(map(abs, values)) > LARGEST_MM:
-        raise DeviceError(f"Expected numbers within ±{LARGEST_MM:g} mm, got {offset.xyz_mm}.")
+        raise DeviceError(
+            keyed(
+                "said.offset_too_large",
+                "Expected numbers within ±{mm} mm, got {got}.",
+                mm=f"{LARGEST_MM:g}",
+                got=str(offset.xyz_mm),
+            )
+        )
     if max(abs(a), abs(b)) > LARGEST_TILT_RAD:
         raise DeviceError(
-            f"LinuxCNC turns about Z only, got a tilt of {1e3 * a:.6f}, {1e3 * b:.6f} mm/m."
+            keyed(
+                "said.turns_about_z",
+                "LinuxCNC turns about Z only, got a tilt of {x}, {y} mm/m.",
+                x=f"{1e3 * a:.6f}",
+                y=f"{1e3 * b:.6f}",
+            )
         )
     if any(abs(value) > 0.0 for value in status.get("g92") or ()):
-        raise DeviceError("G92 is set and would be added: clear it (G92.1), then hand over again.")
+        raise DeviceError(
+            keyed(
+                "said.g92",
+                "G92 is set and would be added: clear it (G92.1), then hand over again.",
+            )
+        )
     x, y, z, turn = (f"{value + 0.0:.9f}" for value in values)
     return f"G21 G90 G10 L2 P{number} X{x} Y{y} Z{z} R{turn}"
 
@@ -63,7 +81,13 @@ def read(status: dict[str, Any], name: str, per_mm: float) -> WorkOffset:
     if found is None:
         active = (status.get("g5x") or [0])[0]
         other = NAMES[active - 1] if 1 <= active <= len(NAMES) else "none"
-        raise DeviceError(f"LinuxCNC tells an offset only while it is active: {other} is.")
+        raise DeviceError(
+            keyed(
+                "said.other_active",
+                "LinuxCNC tells an offset only while it is active: {other} is.",
+                other=other,
+            )
+        )
     return found
 
 

@@ -10,6 +10,7 @@ from asyncua import Node, ua
 from omm_cnc_bridge.control import WorkOffset
 from omm_cnc_bridge.controls.opcua.mapping import OFFSET_ITEMS, UNITS, OffsetNodes
 from omm_core.errors import DeviceError
+from omm_core.words import keyed, verbatim
 
 LARGEST_TURN_RAD = 1e-9
 LARGEST_MM = 100_000.0
@@ -34,9 +35,14 @@ def values_of(offset: WorkOffset, nodes: OffsetNodes) -> dict[str, float]:
             values[item] = number / _unit(item, nodes)
         elif abs(number) > LARGEST_TURN_RAD:
             raise DeviceError(
-                f"{offset.name}: a turn of {1e3 * number:.6f} mm/m about {'xyz'['ABC'.index(item)]}"
-                f" has no node {item} in the mapping file; nothing is written."
-            )
+                keyed(
+                    "said.no_node",
+                    "{offset}: a turn of {angle} mm/m about {axis} has no node {item} in the"
+                    " mapping file; nothing is written.",
+                    offset=offset.name, angle=f"{1e3 * number:.6f}",
+                    axis="xyz"["ABC".index(item)], item=item,
+                )
+            )  # fmt: skip
     return values
 
 
@@ -87,7 +93,12 @@ async def write(nodes: Mapping[str, Node], values: Mapping[str, float]) -> None:
             for done in written:
                 await _write(nodes[done], before[done])
             raise DeviceError(
-                f"Node {item} of the offset was not written ({error}); the others are as before."
+                keyed(
+                    "said.node_not_written",
+                    "Node {item} of the offset was not written ({why}); the others are as before.",
+                    item=item,
+                    why=verbatim(str(error)),
+                )
             ) from error
 
 

@@ -23,6 +23,7 @@ from omm_core.targets.conic.dot_fit import fit_dot
 from omm_core.targets.conic.dot_model import PARAMETERS
 from omm_core.targets.conic.outline import semi_axes, square_root
 from omm_core.targets.detected import DetectedTarget, RefusedTarget
+from omm_core.words import keyed
 
 Floats = NDArray[np.float64]
 
@@ -124,17 +125,21 @@ def _judge(
 ) -> DetectedTarget | RefusedTarget:
     shape = reading.outline
     if fit is None:
-        return refusal(
-            shape, "the dot's edge is not that of one evenly lit dot: its centre cannot be trusted"
+        words = keyed(
+            "said.dot_edge",
+            "the dot's edge is not that of one evenly lit dot: its centre cannot be trusted",
         )
+        return refusal(shape, words)
     p, covariance, statistics = fit
     free = max(float(statistics[5]) - PARAMETERS, 1.0)
     misfit = float(statistics[4]) / free
     residual = math.sqrt((statistics[1] + statistics[3]) / (free + PARAMETERS))
     if misfit > MAX_MISFIT and residual > MAX_RESIDUAL * abs(p[6] - p[9]):
-        return refusal(
-            shape, "something lies on the dot or shines on it: its centre cannot be trusted"
+        words = keyed(
+            "said.dot_covered",
+            "something lies on the dot or shines on it: its centre cannot be trusted",
         )
+        return refusal(shape, words)
     # What the dot itself shows of the noise counts: it grew by misfit, or was thought too large.
     covariance = covariance * max(misfit, 0.2) + np.eye(2) * _of_the_light(p) ** 2
     return _result(reading, p[:5], covariance, p[5], abs(p[6] - p[9]))

@@ -18,6 +18,7 @@ from omm_core.targets.coded.families import TargetFamily, mirror_code
 from omm_core.targets.coded.judging import Reading, judge_candidates
 from omm_core.targets.coded.search import find_dots
 from omm_core.targets.detected import DetectedTarget, Detection, RefusedTarget
+from omm_core.words import Words, keyed
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
@@ -179,15 +180,20 @@ def _refuse_doubles(
     ids = [target.id for target in targets]
     kept = [target for target in targets if ids.count(target.id) == 1]
     refused = [
-        _refuse(
-            target,
-            f"number {target.id} is seen {ids.count(target.id)} times in this image: "
-            "remove the copy or the reflection",
-        )
+        _refuse(target, _seen_twice(target.id, ids.count(target.id)))
         for target in targets
         if ids.count(target.id) > 1
     ]
     return kept, refused
+
+
+def _seen_twice(target_id: int, times: int) -> Words:
+    return keyed(
+        "said.seen_twice",
+        "number {target} is seen {n} times in this image: remove the copy or the reflection",
+        target=target_id,
+        n=times,
+    )
 
 
 def _refuse_mirrored(
@@ -206,12 +212,15 @@ def _refuse_mirrored(
     return [
         _refuse(
             target,
-            "the image is mirrored: more of the part's numbers are read when it is "
-            "turned over; switch off the camera's flip",
+            keyed(
+                "said.image_mirrored",
+                "the image is mirrored: more of the part's numbers are read when it is turned over;"
+                " switch off the camera's flip",
+            ),
         )
         for target in targets
     ]
 
 
-def _refuse(target: DetectedTarget, reason: str) -> RefusedTarget:
+def _refuse(target: DetectedTarget, reason: Words) -> RefusedTarget:
     return RefusedTarget(center_px=target.center_px, diameter_px=target.diameter_px, reason=reason)

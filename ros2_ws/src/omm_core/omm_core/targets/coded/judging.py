@@ -18,6 +18,7 @@ from omm_core.targets.coded.reading import read_candidates, read_ring
 from omm_core.targets.coded.uneven import lights_across
 from omm_core.targets.conic.outline import semi_axes, square_root, within_any
 from omm_core.targets.detected import RefusedTarget
+from omm_core.words import Words, keyed
 
 Floats = NDArray[np.float64]
 
@@ -61,7 +62,7 @@ def radius(conic: Floats) -> float:
     return float((conic[2] * conic[4] - conic[3] ** 2) ** -0.25)
 
 
-def refusal(conic: Floats, reason: str) -> RefusedTarget:
+def refusal(conic: Floats, reason: Words) -> RefusedTarget:
     """Return the refusal of an ellipse (5,) that is not taken for a target."""
     return RefusedTarget(center_px=conic[:2].copy(), diameter_px=2.0 * radius(conic), reason=reason)
 
@@ -111,11 +112,14 @@ def judge_candidates(
 
 
 _DOUBTS = {
-    reading.CUT: "the ring is cut by the border of the image",
-    reading.UNCLEAR: "a sector of the ring is neither set nor clear",
-    reading.COVERED: "the ring does not look as its own bits let expect: "
-    "something lies on it, or light falls on it",
-    reading.FILLED: "something lies between dot and ring",
+    reading.CUT: keyed("said.ring_cut", "the ring is cut by the border of the image"),
+    reading.UNCLEAR: keyed("said.ring_unclear", "a sector of the ring is neither set nor clear"),
+    reading.COVERED: keyed(
+        "said.ring_covered",
+        "the ring does not look as its own bits let expect: something lies on it, or light falls on"
+        " it",
+    ),
+    reading.FILLED: keyed("said.ring_filled", "something lies between dot and ring"),
 }
 
 
@@ -130,13 +134,21 @@ def _number(
 ) -> Reading | RefusedTarget:
     """Return a reading, or a refusal."""
     if against == reading.OTHER_WIDTH:
-        return refusal(shape, f"the ring is not as wide as those of {family.name}")
+        words = keyed(
+            "said.ring_width", "the ring is not as wide as those of {family}", family=family.name
+        )
+        return refusal(shape, words)
     if against != reading.NONE:
         return refusal(shape, _DOUBTS[against])
     code = int("".join(map(str, bits)), 2)
     target_id = family.id_of(code)
     if target_id is None:
-        return refusal(shape, f"the ring reads {code:0{family.bits}b}: no code of {family.name}")
+        words = keyed(
+            "said.ring_code",
+            "the ring reads {code}: no code of {family}",
+            code=f"{code:0{family.bits}b}", family=family.name,
+        )  # fmt: skip
+        return refusal(shape, words)
     return Reading(
         id=target_id,
         outline=shape,
