@@ -63,11 +63,12 @@ def _stops(plan: Plan) -> list[list[str]]:
 
 
 def _elsewhere(plan: Plan) -> list[list[str]]:
-    rows = [["part", "views left", "U of the worst corner"]]
+    rows = [["part", "views left", "U of the worst corner", "camera to box"]]
     for place in plan.elsewhere:
         U = place.worst_corner_U_mm
         told = f"{U:.4f} mm" if np.isfinite(U) else "not determined"
-        rows.append([place.words, f"{place.seen} of {place.planned}", told])
+        clear = f"{place.clearance_mm:.0f} mm"
+        rows.append([place.words, f"{place.seen} of {place.planned}", told, clear])
     return rows
 
 

@@ -49,11 +49,14 @@ def _uncertainty(plan: Plan) -> list[str]:
 
 
 def _elsewhere(plan: Plan) -> list[str]:
-    lines = ["Where the part lies elsewhere   views left   U of the worst corner"]
+    lines = ["Where the part lies elsewhere   views left   U of the worst corner   camera to box"]
     for place in plan.elsewhere:
         U = place.worst_corner_U_mm
         told = f"{U:.4f} mm" if np.isfinite(U) else "not determined"
-        lines.append(f"{place.words:30}  {place.seen:4d} of {place.planned:3d}   {told}")
+        lines.append(
+            f"{place.words:30}  {place.seen:4d} of {place.planned:3d}   {told:21}"
+            f"   {place.clearance_mm:6.0f} mm"
+        )
     return lines
 
 

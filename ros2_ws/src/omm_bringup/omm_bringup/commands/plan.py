@@ -22,6 +22,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--want", type=_two, metavar="MM,MM_PER_M", help="U of places, and of angles (mm/m)")
     add("--want-point", type=float, metavar="MM", help="U of the box's worst corner")
     add("--bump", type=float, metavar="MM", help="displaced targets that are to be noticed")
+    least = "what is to be least: images (default) or time, machine time"
+    add("--least", choices=("images", "time"), default="images", help=least)
     add("--out", type=Path, metavar="PROGRAM.ngc", help="the measuring program")
     templates = "of the program: linuxcnc; templates: siemens, heidenhain, fanuc, fagor"
     add("--control", default="linuxcnc", help=templates)
@@ -44,6 +46,8 @@ def run(args: argparse.Namespace) -> int:
 
     if args.part_turned is not None and args.part_at is None:
         raise InputError("Expected --part-at beside --part-turned.")
+    if args.least == "time" and not (args.want or args.want_point or args.bump):
+        raise InputError("--least time needs a wish: --want, --want-point or --bump.")
     place, angle = args.want or (None, None)
     request = PlanRequest(
         part_file=args.part,
@@ -53,7 +57,11 @@ def run(args: argparse.Namespace) -> int:
         part_turned_rad=tuple(args.part_turned or (0.0, 0.0, 0.0)),
         near=args.near,
         wish=Wish(
-            place_mm=place, angle_mm_per_m=angle, point_mm=args.want_point, bump_mm=args.bump
+            place_mm=place,
+            angle_mm_per_m=angle,
+            point_mm=args.want_point,
+            bump_mm=args.bump,
+            least_time=args.least == "time",
         ),
     )
     try:

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_core.planning.prediction import Designs, own_covariances
+from omm_core.planning.prediction import Designs, determines, own_covariances
 from omm_core.planning.scene import Noise
-from omm_core.planning.wish import Yardstick
+from omm_core.planning.wish import Yardstick, smallest_bumps_mm
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -67,6 +67,23 @@ class Pool:
         """Return how many times too large U is."""
         return float(self.yardstick.score(self.covariances(chosen[None]))[0])
 
+    def reached_by_U(self, sets: Indices) -> NDArray[np.bool_]:
+        """Return which sets (B, S) reach the wanted U; all where none is wanted."""
+        if not self.yardstick.wish.of_pose:
+            return np.ones(len(sets), dtype=bool)
+        return np.asarray(self.yardstick.score(self.covariances(sets)) <= 1.0)
+
+    def shortfall(self, chosen: Indices) -> float:
+        """Return how many times too large U or the smallest bump is; at most 1 is reached."""
+        wish = self.yardstick.wish
+        if not determines(self.designs, chosen):
+            return np.inf
+        missed = self.score(chosen) if wish.of_pose else 0.0
+        if wish.bump_mm is not None:
+            bumps = smallest_bumps_mm(self.designs, self.noise, chosen)
+            missed = max(missed, max(bumps.values(), default=np.inf) / wish.bump_mm)
+        return missed
+
 
 def cover_twice(pool: Pool) -> Indices:
     """Return few stops that see every target that can be seen twice."""
@@ -102,7 +119,7 @@ def exchange(pool: Pool, chosen: Indices, passes: int = _PASSES) -> Indices:
         before = best
         for position in range(len(chosen)):
             others = np.delete(chosen, position)
-            allowed = _allowed(pool, others, chosen[position])
+            allowed = allowed_instead(pool, others, chosen[position])
             sets = np.repeat(chosen[None], len(allowed), axis=0)
             sets[:, position] = allowed
             scores = pool.scores(sets)
@@ -122,7 +139,7 @@ def settle(pool: Pool, chosen: Indices, limit: float) -> Indices:
     """
     margin = np.minimum(pool.margin_mm, _MARGIN_ENOUGH_MM)
     for position in [*range(len(chosen))] * 2:
-        allowed = _allowed(pool, np.delete(chosen, position), chosen[position])
+        allowed = allowed_instead(pool, np.delete(chosen, position), chosen[position])
         allowed = allowed[margin[allowed] >= margin[chosen[position]]]
         sets = np.repeat(chosen[None], len(allowed), axis=0)
         sets[:, position] = allowed
@@ -134,10 +151,11 @@ def settle(pool: Pool, chosen: Indices, limit: float) -> Indices:
     return chosen
 
 
-def _allowed(pool: Pool, others: Indices, present: int) -> Indices:
+def allowed_instead(pool: Pool, others: Indices, present: int, most: int | None = _WORK) -> Indices:
     """Return stops that, in place of one, leave every target seen as often as is needed.
 
     Of the same targets only: what sees quite other targets is seldom a gain, and 10 times as much.
+    ``most`` limits how many elements their matrices have; None does not.
     """
     needed = np.minimum(TWICE, pool.visible[[*others, present]].sum(axis=0))
     left = pool.visible[others].sum(axis=0) if len(others) else np.zeros_like(needed)
@@ -147,7 +165,9 @@ def _allowed(pool: Pool, others: Indices, present: int) -> Indices:
     fits &= alike & free
     fits[present] = True
     allowed = np.flatnonzero(fits)
-    most = int(max(40, _WORK / (len(others) + 1) ** 2 / pool.designs.A.shape[1] ** 2))
+    if most is None:
+        return allowed
+    most = int(max(40, most / (len(others) + 1) ** 2 / pool.designs.A.shape[1] ** 2))
     if len(allowed) > most:  # every so many of them: neighbours are much alike
         spread = allowed[np.linspace(0, len(allowed) - 1, most).astype(int)]
         allowed = np.union1d(spread, [present])

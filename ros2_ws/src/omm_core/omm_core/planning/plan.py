@@ -14,7 +14,8 @@ from omm_core.files.machine import Machine
 from omm_core.geometry import RigidTransform
 from omm_core.planning.candidates import Candidates, find_candidates, rotary_positions
 from omm_core.planning.choosing import TWICE, Pool, add_best, cover_twice, exchange, settle
-from omm_core.planning.prediction import designs, determines
+from omm_core.planning.prediction import designs
+from omm_core.planning.quickest import quickest
 from omm_core.planning.scene import Scene
 from omm_core.planning.sensitivity import Elsewhere, lies_elsewhere
 from omm_core.planning.timing import Pace
@@ -112,7 +113,9 @@ def _stop_json(stop: PlannedStop) -> dict[str, Any]:
 
 
 def make_plan(scene: Scene, machine: Machine, wish: Wish, *, told: tuple[str, ...] = ()) -> Plan:
-    """Return the plan with the fewest images that reaches a wish, or the best that there is.
+    """Return the plan that reaches a wish, or the best that there is.
+
+    With the fewest images; with ``wish.least_time`` in the least time.
 
     Parameters
     ----------
@@ -139,7 +142,10 @@ def make_plan(scene: Scene, machine: Machine, wish: Wish, *, told: tuple[str, ..
             f"No target of {scene.part.name} can be seen from anywhere on {scene.kinematics.name}:"
             f" {why}. Is the part where the plan thinks it is?"
         )
-    return _finished(scene, machine, wish, candidates, pool, chosen, unseen, told)
+    pace = Pace.of(machine, scene.kinematics, scene.calibration.imaging.exposure_s or 0.0)
+    if wish.least_time:
+        chosen = quickest(scene, pace, candidates, pool, chosen)
+    return _finished(scene, pace, wish, candidates, pool, chosen, unseen, told)
 
 
 def _searched(scene: Scene, wish: Wish) -> tuple[Candidates, dict[int, str], Pool | None, Indices]:
@@ -147,7 +153,7 @@ def _searched(scene: Scene, wish: Wish) -> tuple[Candidates, dict[int, str], Poo
     rotaries = rotary_positions(scene)
     candidates, unseen = find_candidates(scene, rotaries[:1])
     pool, chosen = _choose(scene, candidates, wish)
-    if len(rotaries) > 1 and (unseen or not _reached(pool, chosen, wish)):
+    if len(rotaries) > 1 and (unseen or not _reached(pool, chosen)):
         candidates, unseen = find_candidates(scene, rotaries)
         pool, chosen = _choose(scene, candidates, wish)
     return candidates, unseen, pool, chosen
@@ -167,11 +173,11 @@ def _choose(scene: Scene, candidates: Candidates, wish: Wish) -> tuple[Pool | No
     chosen = exchange(pool, cover_twice(pool))
     best, wait = chosen, 0
     most = MOST_IMAGES_PER_TARGET * len(scene.part.targets)
-    while not _reached(pool, best, wish) and len(chosen) < most and wait < _PATIENCE:
+    while not _reached(pool, best) and len(chosen) < most and wait < _PATIENCE:
         chosen = exchange(pool, add_best(pool, chosen), passes=2)
-        helps = _shortfall(pool, chosen, wish) < (1.0 - _NO_GAIN) * _shortfall(pool, best, wish)
+        helps = pool.shortfall(chosen) < (1.0 - _NO_GAIN) * pool.shortfall(best)
         best, wait = (chosen, 0) if helps else (best, wait + 1)
-    return pool, _settled(pool, best, wish)
+    return pool, best if wish.least_time else _settled(pool, best, wish)
 
 
 def _settled(pool: Pool, chosen: Indices, wish: Wish) -> Indices:
@@ -181,28 +187,15 @@ def _settled(pool: Pool, chosen: Indices, wish: Wish) -> Indices:
     if wish.of_pose and best <= 1.0:
         limit = min(limit, 1.0)
     settled = settle(pool, chosen, limit)
-    keeps = _shortfall(pool, settled, wish) <= max(1.0, _shortfall(pool, chosen, wish))
+    keeps = pool.shortfall(settled) <= max(1.0, pool.shortfall(chosen))
     return settled if keeps else chosen
 
 
-def _shortfall(pool: Pool, chosen: Indices, wish: Wish) -> float:
-    """Return how many times too large U or the smallest bump is; at most 1 is reached."""
-    if not determines(pool.designs, chosen):
-        return np.inf
-    missed = pool.score(chosen) if wish.of_pose else 0.0
-    if wish.bump_mm is not None:
-        bumps = smallest_bumps_mm(pool.designs, pool.noise, chosen)
-        missed = max(missed, max(bumps.values(), default=np.inf) / wish.bump_mm)
-    return missed
+def _reached(pool: Pool | None, chosen: Indices) -> bool:
+    return pool is not None and pool.shortfall(chosen) <= 1.0
 
 
-def _reached(pool: Pool | None, chosen: Indices, wish: Wish) -> bool:
-    return pool is not None and _shortfall(pool, chosen, wish) <= 1.0
-
-
-def _finished(scene, machine, wish, candidates, pool, chosen, unseen, told) -> Plan:  # type: ignore[no-untyped-def]
-    exposure_s = scene.calibration.imaging.exposure_s or 0.0
-    pace = Pace.of(machine, scene.kinematics, exposure_s)
+def _finished(scene, pace, wish, candidates, pool, chosen, unseen, told) -> Plan:  # type: ignore[no-untyped-def]
     tour = shortest_tour(scene, pace, [candidates.axes[i] for i in chosen])
     ordered = chosen[list(tour.order)]
     covariance = pool.covariances(ordered[None])[0]
@@ -217,7 +210,7 @@ def _finished(scene, machine, wish, candidates, pool, chosen, unseen, told) -> P
         )
         for i in ordered
     )
-    reached = _reached(pool, ordered, wish) and tour.free
+    reached = _reached(pool, ordered) and tour.free
     plan = Plan(
         scene=scene,
         wish=wish,

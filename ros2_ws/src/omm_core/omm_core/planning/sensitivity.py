@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.geometry import RigidTransform, rotation_from_euler_xyz_rad
+from omm_core.planning.collision import clearance_mm
 from omm_core.planning.prediction import designs, own_covariances
 from omm_core.planning.scene import Scene
 from omm_core.planning.views import views
@@ -33,12 +34,15 @@ class Elsewhere:
         Views of targets: that are left, that were planned.
     worst_corner_U_mm : float
         Infinite where the pose is not determined any more.
+    clearance_mm : float
+        Smallest distance of the camera's body from the part's box at the stops; 0 where they meet.
     """
 
     words: str
     seen: int
     planned: int
     worst_corner_U_mm: float
+    clearance_mm: float
 
     def to_json(self) -> dict[str, Any]:
         """Return plain numbers; None where the pose is not determined."""
@@ -46,6 +50,7 @@ class Elsewhere:
         return {
             "part": self.words, "views_left": self.seen, "views_planned": self.planned,
             "worst_corner_U_mm": U if np.isfinite(U) else None,
+            "clearance_mm": self.clearance_mm,
         }  # fmt: skip
 
 
@@ -64,6 +69,7 @@ def lies_elsewhere(
                 seen=int(seen.visible.sum()),
                 planned=planned,
                 worst_corner_U_mm=_worst_U(there, yardstick, spindles, seen),
+                clearance_mm=float(clearance_mm(there, list(spindles)).min()),
             )
         )
     return tuple(results)

@@ -6,9 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omm_core.files.machine import AxisDynamics, Machine
 from omm_core.machine.kinematics import Machine as Kinematics
+
+Array = NDArray[np.float64]
+Number = float | Array
 
 ASSUMED = {
     False: AxisDynamics(velocity=150.0, acceleration=1000.0, jerk=10000.0),
@@ -71,28 +75,34 @@ class Pace:
 
     def move_s(self, start: Mapping[str, float], end: Mapping[str, float]) -> float:
         """Return how long a straight move of all axes together takes."""
-        way = {name: abs(end[name] - start[name]) for name in self.limits}
-        moving = [name for name, length in way.items() if length > 1e-9]
-        if not moving:
-            return 0.0
-        # In shares of the way, the slowest axis limits each of the three.
+        ends = (np.array([axes[name] for name in self.limits]) for axes in (start, end))
+        return float(self.moves_s(*ends))
+
+    def moves_s(self, start: Array, end: Array) -> Array:
+        """Return how long straight moves take; axes (..., A) in the order of ``limits``."""
+        way = np.abs(end - start)
+        limits = np.array(list(self.limits.values()))  # (A, 3)
+        with np.errstate(divide="ignore"):
+            # In shares of the way, the slowest axis limits each of the three.
+            shares = np.where(way[..., None] > 1e-9, limits / way[..., None], np.inf).min(axis=-2)
+            linear = [name in self.linear for name in self.limits]
+            path = np.linalg.norm(way[..., linear], axis=-1)
+            velocity = np.minimum(shares[..., 0], self.feed_mm_per_s / path)
+        moves = np.any(way > 1e-9, axis=-1)
         velocity, acceleration, jerk = (
-            min(self.limits[name][i] / way[name] for name in moving) for i in range(3)
+            np.where(moves, limit, 1.0) for limit in (velocity, shares[..., 1], shares[..., 2])
         )
-        path = float(np.sqrt(sum(way[name] ** 2 for name in moving if name in self.linear)))
-        if path > 0.0:
-            velocity = min(velocity, self.feed_mm_per_s / path)
-        return rest_to_rest_s(1.0, velocity, acceleration, jerk)
+        return np.where(moves, rest_to_rest_s(1.0, velocity, acceleration, jerk), 0.0)
 
 
-def rest_to_rest_s(length: float, velocity: float, acceleration: float, jerk: float) -> float:
-    """Return the shortest time for a way, from rest to rest, within three limits."""
-    ramp = min(acceleration / jerk, np.sqrt(velocity / jerk))
-    hold = max(0.0, velocity / (jerk * ramp) - ramp)
-    if jerk * ramp * (ramp + hold) * (2 * ramp + hold) <= length:
-        reached = jerk * ramp * (ramp + hold)
-        return float(2 * ramp + hold + length / reached)
+def rest_to_rest_s(length: Number, velocity: Number, acceleration: Number, jerk: Number) -> Array:
+    """Return the shortest time for a way, from rest to rest, within three limits; elementwise."""
+    ramp = np.minimum(acceleration / jerk, np.sqrt(velocity / jerk))
+    hold = np.maximum(0.0, velocity / (jerk * ramp) - ramp)
+    reached = jerk * ramp * (ramp + hold)
+    cruising = 2 * ramp + hold + length / reached
     # The velocity is not reached: length = j T (T + h) (2 T + h), with h = 0 or solved for it.
-    ramp = min(acceleration / jerk, (length / (2.0 * jerk)) ** (1.0 / 3.0))
-    hold = (-3.0 * ramp + np.sqrt(ramp**2 + 4.0 * length / (jerk * ramp))) / 2.0
-    return float(2 * (2 * ramp + max(0.0, hold)))
+    short = np.minimum(acceleration / jerk, np.cbrt(length / (2.0 * jerk)))
+    more = (-3.0 * short + np.sqrt(short**2 + 4.0 * length / (jerk * short))) / 2.0
+    braking = 2 * (2 * short + np.maximum(0.0, more))
+    return np.asarray(np.where(reached * (2 * ramp + hold) <= length, cruising, braking))

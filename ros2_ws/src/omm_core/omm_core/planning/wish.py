@@ -33,12 +33,15 @@ class Wish:
         Of the worst corner of the part's box: 2 √ of the largest eigenvalue of its covariance.
     bump_mm : float or None
         Displacement of any one target, in any direction, that is to be noticed.
+    least_time : bool
+        Whether it is machine time that is to be least, not the number of images.
     """
 
     place_mm: float | None = None
     angle_mm_per_m: float | None = None
     point_mm: float | None = None
     bump_mm: float | None = None
+    least_time: bool = False
 
     def __post_init__(self) -> None:
         for name in ("place_mm", "angle_mm_per_m", "point_mm", "bump_mm"):

@@ -165,6 +165,21 @@ def _not_told(plan: Plan) -> list[str]:
 
 
 def _elsewhere(plan: Plan) -> list[str]:
+    return [*_lost(plan), *_met(plan)]
+
+
+def _met(plan: Plan) -> list[str]:
+    """Say where the camera would meet a part that lies elsewhere."""
+    met = [place.words for place in plan.elsewhere if place.clearance_mm <= 0.0]
+    if not met:
+        return []
+    return [
+        f"Where the part lies elsewhere ({_list(met)}), the camera would meet its box: see that it"
+        " lies within what is left of that, or have the program search (--search)."
+    ]
+
+
+def _lost(plan: Plan) -> list[str]:
     lost = [place for place in plan.elsewhere if place.seen < place.planned]
     if not lost:
         return ["All targets stay in view where the part lies 50 mm or 1° elsewhere."]
