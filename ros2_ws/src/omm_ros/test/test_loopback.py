@@ -47,7 +47,8 @@ print(len(heard))
 
 def in_namespace(pid: int, words: list[str], **environment: str) -> "subprocess.Popen[str]":
     # The shared memory of DDS would join the two: each gets a /dev/shm of its own.
-    enter = ["nsenter", "-t", str(pid), "-n", "-m"]
+    # Its root, too: a mount namespace alone leads out of a chroot.
+    enter = ["nsenter", "-t", str(pid), "-n", "-m", "--root", "--wd=/"]
     # Other tests have prepared this process already; the two machines begin afresh.
     ours = (*PROFILE_VARIABLES, "OMM_NETWORK")
     fresh = {name: value for name, value in os.environ.items() if name not in ours}
