@@ -2,27 +2,55 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.errors import InputError
+from omm_core.files.declared import (
+    Reader,
+    choice,
+    direction,
+    expect_once,
+    file,
+    integer,
+    number,
+    numbers,
+    read_each,
+    read_section,
+    text,
+)
+from omm_core.files.outside import Source, file_in
 from omm_core.files.part import load_part
 from omm_core.files.yaml_input import YamlSection, read_yaml
 
 Array = NDArray[np.float64]
+_LEAST = "minimum_overstock_mm"
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
-_ROOT = (
-    "points", "cad", "cad_unit", "target_thickness_mm", "criterion", "minimum_overstock_mm",
-    "groups", "tolerances", "pairs", "nominal_targets", "placement", "keep", "leave_out",
-)  # fmt: skip
-_GROUP = (
-    "name", "faces", "kind", "normal", "offset_mm", "radius_mm", "colour", "label",
-    "minimum_overstock_mm", "maximum_overstock_mm", "datum_overstock_mm",
-)  # fmt: skip
+
+
+def _faces(section: YamlSection, key: str) -> tuple[int, ...]:
+    given = section.numbers(key)
+    if (given != given.round()).any():
+        raise InputError(f"{section.where}: expected whole numbers of faces, got {given}.")
+    return tuple(int(n) for n in given)
+
+
+def _names(section: YamlSection, key: str) -> tuple[str, ...]:
+    given = section.get(key)
+    if not isinstance(given, list) or any(isinstance(v, (list, dict)) for v in given):
+        raise InputError(f"{section.where}: expected a list of names for '{key}'.")
+    return tuple(str(v) for v in given)
+
+
+def _two_names(section: YamlSection, key: str) -> tuple[str, str]:
+    given = _names(section, key)
+    if len(given) != 2:
+        raise InputError(f"{section.where}: expected the names of two groups for '{key}'.")
+    return given[0], given[1]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -33,17 +61,17 @@ class FaceGroup:
     offset, radius, colour and label. ``minimum_mm`` None: the faces are not milled.
     """
 
-    name: str
-    faces: tuple[int, ...] = ()
-    kind: str | None = None
-    normal: Array | None = None
-    offset_mm: float | None = None
-    radius_mm: float | None = None
-    colour: str | None = None
-    label: str | None = None
-    minimum_mm: float | None = 0.0
-    maximum_mm: float | None = None
-    datum_mm: float | None = None
+    name: Annotated[str, text()]
+    faces: Annotated[tuple[int, ...], Reader(_faces)] = ()
+    kind: Annotated[str | None, text()] = None
+    normal: Annotated[Array | None, direction()] = None
+    offset_mm: Annotated[float | None, number()] = None
+    radius_mm: Annotated[float | None, number()] = None
+    colour: Annotated[str | None, text()] = None
+    label: Annotated[str | None, text()] = None
+    minimum_mm: Annotated[float | None, number(), "minimum_overstock_mm"] = 0.0
+    maximum_mm: Annotated[float | None, number(), "maximum_overstock_mm"] = None
+    datum_mm: Annotated[float | None, number(), "datum_overstock_mm"] = None
 
     @property
     def chooses(self) -> bool:
@@ -56,9 +84,69 @@ class FaceGroup:
 class Tolerance:
     """Mean overstock of the first group minus the second's: between these, mm."""
 
-    groups: tuple[str, str]
-    low_mm: float
-    high_mm: float
+    groups: Annotated[tuple[str, str], Reader(_two_names, list)]
+    low_mm: Annotated[float, number()]
+    high_mm: Annotated[float, number()]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Pair:
+    point: Annotated[str, text()]
+    xyz_mm: Annotated[Array, numbers(3)]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _NominalTarget:
+    id: Annotated[int, integer(minimum=1)]
+    xyz_mm: Annotated[Array, numbers(3)]
+
+
+def _pairs(root: YamlSection, key: str) -> dict[str, Array]:
+    return {pair.point: pair.xyz_mm for pair in read_each(_Pair, root, key, once="point")}
+
+
+def _nominal_targets(root: YamlSection, key: str) -> dict[int, Array]:
+    """Read where coded targets should be: the name of a part.yaml, or a list of id and xyz_mm."""
+    if isinstance(root.get(key), str):
+        part = load_part(root.folder / root.text(key))
+        return {target.id: target.xyz_mm for target in part.targets}
+    return {told.id: told.xyz_mm for told in read_each(_NominalTarget, root, key, once="id")}
+
+
+def _groups(root: YamlSection, key: str) -> tuple[FaceGroup, ...]:
+    least = root.number(_LEAST) if _LEAST in root else 0.0
+    groups = tuple(_group(entry, least) for entry in root.sections(key))
+    expect_once([group.name for group in groups], f"{root.where}: {key}")
+    return groups
+
+
+def _group(entry: YamlSection, least: float) -> FaceGroup:
+    """Read a group: its minimum is that of all where it has none, and none where it is null."""
+    given: dict[str, Any] = {}
+    if _LEAST not in entry:
+        given["minimum_mm"] = None if _LEAST in entry.values else least
+    group = read_section(FaceGroup, entry, **given)
+    low, high = group.minimum_mm, group.maximum_mm
+    if low is not None and high is not None and high < low:
+        raise InputError(
+            f"{entry.where}: expected a maximum above the minimum, got {high} < {low}."
+        )
+    return group
+
+
+def _tolerances(root: YamlSection, key: str) -> tuple[Tolerance, ...]:
+    found = read_each(Tolerance, root, key)
+    for one in found:
+        if one.low_mm > one.high_mm:
+            raise InputError(
+                f"{root.where}: {key}: expected low_mm <= high_mm, got"
+                f" {one.low_mm} > {one.high_mm}."
+            )
+    return found
+
+
+def _unit(root: YamlSection, key: str) -> float:
+    return UNITS_MM[str(choice(*UNITS_MM).read(root, key))]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -70,22 +158,24 @@ class FitFile:
     ``keep`` and ``leave_out`` name points whatever else is thought of them.
     """
 
-    points: Path
-    cad: Path
-    target_thickness_mm: float
-    criterion: str = "even"
-    minimum_overstock_mm: float = 0.0
-    cad_unit_mm: float = 1.0
-    groups: tuple[FaceGroup, ...] = ()
-    tolerances: tuple[Tolerance, ...] = ()
-    pairs: dict[str, Array] = field(default_factory=dict)
-    nominal_targets: dict[int, Array] = field(default_factory=dict)
-    placement: int | None = None
-    keep: tuple[str, ...] = ()
-    leave_out: tuple[str, ...] = ()
+    points: Annotated[Path, file()]
+    cad: Annotated[Path, file()]
+    target_thickness_mm: Annotated[float, number(least=0.0)]
+    criterion: Annotated[str, choice("even", "least_squares")] = "even"
+    minimum_overstock_mm: Annotated[float, number()] = 0.0
+    cad_unit_mm: Annotated[float, Reader(_unit), "cad_unit"] = 1.0
+    groups: Annotated[tuple[FaceGroup, ...], Reader(_groups)] = ()
+    tolerances: Annotated[tuple[Tolerance, ...], Reader(_tolerances)] = ()
+    pairs: Annotated[dict[str, Array], Reader(_pairs)] = field(default_factory=dict)
+    nominal_targets: Annotated[dict[int, Array], Reader(_nominal_targets)] = field(
+        default_factory=dict
+    )
+    placement: Annotated[int | None, integer(minimum=1)] = None
+    keep: Annotated[tuple[str, ...], Reader(_names, list)] = ()
+    leave_out: Annotated[tuple[str, ...], Reader(_names, list)] = ()
 
 
-def load_fit_file(path: Path) -> FitFile:
+def load_fit_file(path: Source) -> FitFile:
     """Read fit.yaml; a folder stands for the fit.yaml in it.
 
     Raises
@@ -93,136 +183,4 @@ def load_fit_file(path: Path) -> FitFile:
     InputError
         Where a key is missing, bad or not known.
     """
-    path = path / "fit.yaml" if path.is_dir() else path
-    root = read_yaml(path, "fit file")
-    root.refuse_unknown(*_ROOT)
-    least = root.number("minimum_overstock_mm") if "minimum_overstock_mm" in root else 0.0
-    return FitFile(
-        points=path.parent / root.text("points"),
-        cad=path.parent / root.text("cad"),
-        cad_unit_mm=UNITS_MM[_choice(root, "cad_unit", tuple(UNITS_MM))],
-        target_thickness_mm=root.number("target_thickness_mm", above=-1e-12),
-        criterion=_choice(root, "criterion", ("even", "least_squares")),
-        minimum_overstock_mm=least,
-        groups=_groups(root, least),
-        tolerances=tuple(_tolerance(entry) for entry in _entries(root, "tolerances")),
-        pairs=_pairs(root),
-        nominal_targets=_nominal(root, path.parent),
-        placement=root.integer("placement", minimum=1) if "placement" in root else None,
-        keep=_names(root, "keep"),
-        leave_out=_names(root, "leave_out"),
-    )
-
-
-def _known(section: YamlSection, keys: tuple[str, ...]) -> None:
-    for key in section.values:
-        if key not in keys:
-            raise InputError(
-                f"{section.where}: the key '{key}' is not known here; known: {', '.join(keys)}."
-            )
-
-
-def _choice(root: YamlSection, key: str, known: tuple[str, ...]) -> str:
-    value = root.text(key) if key in root else known[0]
-    if value not in known:
-        raise InputError(
-            f"{root.where}: expected '{key}' out of {', '.join(known)}, got '{value}'."
-        )
-    return value
-
-
-def _entries(root: YamlSection, key: str) -> list[YamlSection]:
-    if key not in root:
-        return []
-    values = root.get(key)
-    if not isinstance(values, list):
-        raise InputError(f"{root.where}: expected a list for '{key}'.")
-    return [YamlSection(v, f"{root.where}: {key}, entry {n}") for n, v in enumerate(values, 1)]
-
-
-def _names(root: YamlSection, key: str) -> tuple[str, ...]:
-    values = root.get(key) if key in root else []
-    if not isinstance(values, list) or any(isinstance(v, (list, dict)) for v in values):
-        raise InputError(f"{root.where}: expected a list of points' names for '{key}'.")
-    return tuple(str(v) for v in values)
-
-
-def _pairs(root: YamlSection) -> dict[str, Array]:
-    pairs: dict[str, Array] = {}
-    for entry in _entries(root, "pairs"):
-        name = entry.text("point")
-        if name in pairs:
-            raise InputError(f"{entry.where}: expected each point once, got '{name}' twice.")
-        pairs[name] = entry.numbers("xyz_mm", 3)
-    return pairs
-
-
-def _nominal(root: YamlSection, folder: Path) -> dict[int, Array]:
-    """Read where coded targets should be: the name of a part.yaml, or a list of id and xyz_mm."""
-    if "nominal_targets" not in root:
-        return {}
-    if isinstance(root.get("nominal_targets"), str):
-        part = load_part(folder / root.text("nominal_targets"))
-        return {target.id: target.xyz_mm for target in part.targets}
-    entries = _entries(root, "nominal_targets")
-    return {e.integer("id", minimum=1): e.numbers("xyz_mm", 3) for e in entries}
-
-
-def _groups(root: YamlSection, least: float) -> tuple[FaceGroup, ...]:
-    groups = tuple(_group(entry, least) for entry in _entries(root, "groups"))
-    names = [group.name for group in groups]
-    twice = sorted(name for name, number in Counter(names).items() if number > 1)[:10]
-    if twice:
-        raise InputError(f"{root.where}: groups: expected each name once, got {twice} again.")
-    return groups
-
-
-def _group(entry: YamlSection, least: float) -> FaceGroup:
-    _known(entry, _GROUP)
-    minimum: float | None = least
-    if "minimum_overstock_mm" in entry:
-        minimum = entry.number("minimum_overstock_mm")
-    elif "minimum_overstock_mm" in entry.values:
-        minimum = None
-    maximum = _optional(entry, "maximum_overstock_mm")
-    if maximum is not None and minimum is not None and maximum < minimum:
-        raise InputError(
-            f"{entry.where}: expected a maximum above the minimum, got {maximum} < {minimum}."
-        )
-    normal = entry.numbers("normal", 3) if "normal" in entry else None
-    if normal is not None:
-        length = float(np.linalg.norm(normal))
-        if length < 1e-6:
-            raise InputError(f"{entry.where}: expected a normal with a direction, got {normal}.")
-        normal = normal / length
-    numbers = entry.numbers("faces") if "faces" in entry else np.empty(0)
-    if (numbers != numbers.round()).any():
-        raise InputError(f"{entry.where}: expected whole numbers of faces, got {numbers}.")
-    return FaceGroup(
-        name=entry.text("name"),
-        faces=tuple(int(n) for n in numbers),
-        kind=entry.text("kind") if "kind" in entry else None,
-        normal=normal,
-        offset_mm=_optional(entry, "offset_mm"),
-        radius_mm=_optional(entry, "radius_mm"),
-        colour=entry.text("colour") if "colour" in entry else None,
-        label=entry.text("label") if "label" in entry else None,
-        minimum_mm=minimum,
-        maximum_mm=maximum,
-        datum_mm=_optional(entry, "datum_overstock_mm"),
-    )
-
-
-def _tolerance(entry: YamlSection) -> Tolerance:
-    _known(entry, ("groups", "low_mm", "high_mm"))
-    names = entry.get("groups")
-    if not isinstance(names, list) or len(names) != 2:
-        raise InputError(f"{entry.where}: expected the names of two groups for 'groups'.")
-    low, high = entry.number("low_mm"), entry.number("high_mm")
-    if low > high:
-        raise InputError(f"{entry.where}: expected low_mm <= high_mm, got {low} > {high}.")
-    return Tolerance(groups=(str(names[0]), str(names[1])), low_mm=low, high_mm=high)
-
-
-def _optional(entry: YamlSection, key: str) -> float | None:
-    return entry.number(key) if key in entry else None
+    return read_section(FitFile, read_yaml(file_in(path, "fit.yaml"), "fit file"))
