@@ -4,17 +4,28 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_core.budget.contributor import Contributor, expect_once, read_contributors
+from omm_core.budget.contributor import Contributor, read_contributors
 from omm_core.budget.distributions import Distribution
 from omm_core.budget.spread_reading import SPREAD_KEYS, read_sigma, read_spread
 from omm_core.errors import InputError
+from omm_core.files.declared import (
+    file,
+    number,
+    numbers,
+    per_axis,
+    read_each,
+    read_optional,
+    text,
+)
 from omm_core.files.yaml_input import YamlSection, read_yaml
 
 Array = NDArray[np.float64]
+_T = TypeVar("_T")
 
 _ROOT = ("part", "points", "u_ip", "u_it", "u_out", "machine", "contributors", "coverage_factor",
          "coverage_probability", "tolerance_mm", "tool_mm", "cad", "cad_unit")  # fmt: skip
@@ -27,18 +38,26 @@ CAD_UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
 class NamedPoint:
     """A point of the part, part frame; its deviation from nominal (mm, three axes) where told."""
 
-    name: str
-    xyz_mm: Array
-    deviation_mm: Array | None = None
+    name: Annotated[str, text()]
+    xyz_mm: Annotated[Array, numbers(3)]
+    deviation_mm: Annotated[Array | None, numbers(3)] = None
+
+
+def _points(root: YamlSection, key: str) -> tuple[NamedPoint, ...] | None:
+    if root.get(key) == "box":
+        return None
+    if not isinstance(root.get(key), list) or not root.get(key):
+        raise InputError(f"{root.where}: expected 'box' or a list for '{key}'.")
+    return read_each(NamedPoint, root, key, once="name")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class InPart:
     """Where u_ip comes from; several may be there."""
 
-    run: Path | None = None
-    campaign: Path | None = None
-    sigma_mm: Array | None = None
+    run: Annotated[Path | None, file()] = None
+    campaign: Annotated[Path | None, file()] = None
+    sigma_mm: Annotated[Array | None, per_axis(least=0.0)] = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,10 +90,10 @@ class Expansion:
 class OutOfMachine:
     """Where u_out comes from: a survey, or a length measuring error (VDI/VDE 2634-1)."""
 
-    points: Path | None = None
-    constant_mm: float = 0.0
-    per_metre_mm: float = 0.0
-    sigma_mm: Array | None = None
+    points: Annotated[Path | None, file()] = None
+    constant_mm: Annotated[float, number(least=0.0)] = 0.0
+    per_metre_mm: Annotated[float, number(least=0.0)] = 0.0
+    sigma_mm: Annotated[Array | None, per_axis(least=0.0)] = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -117,13 +136,18 @@ def load_budget_file(path: Path) -> BudgetFile:
         raise InputError(
             f"{root.where}: expected coverage_factor or coverage_probability, got both."
         )
-    file = BudgetFile(
+    told = BudgetFile(
         path=path,
         part=path.parent / root.text("part"),
-        points=_points(root),
-        u_ip=_in_part(root.section("u_ip"), path.parent) if "u_ip" in root else None,
+        points=_points(root, "points") if "points" in root else None,
+        u_ip=_some(InPart, root, "u_ip", expected="run, campaign or sigma_mm"),
         u_it=_expansion(root.section("u_it")) if "u_it" in root else None,
-        u_out=_out_of_machine(root.section("u_out"), path.parent) if "u_out" in root else None,
+        u_out=_some(
+            OutOfMachine,
+            root,
+            "u_out",
+            expected="points, or constant_mm and per_metre_mm, or sigma_mm",
+        ),
         machine=path.parent / root.text("machine") if "machine" in root else None,
         tool_mm=root.numbers("tool_mm", 3) if "tool_mm" in root else np.zeros(3),
         contributors=read_contributors(root),
@@ -133,44 +157,19 @@ def load_budget_file(path: Path) -> BudgetFile:
         cad=path.parent / root.text("cad") if "cad" in root else None,
         cad_unit_mm=_cad_unit_mm(root),
     )
-    if not (file.u_ip or file.u_it or file.u_out or file.machine or file.contributors):
+    if not (told.u_ip or told.u_it or told.u_out or told.machine or told.contributors):
         raise InputError(
             f"{root.where}: expected at least one of u_ip, u_it, u_out, machine, contributors."
         )
-    return file
+    return told
 
 
-def _points(root: YamlSection) -> tuple[NamedPoint, ...] | None:
-    given = root.values.get("points", "box")
-    if given is None or given == "box":
-        return None
-    if not isinstance(given, list) or not given:
-        raise InputError(f"{root.where}: expected 'box' or a list for 'points', got {given!r}.")
-    entries = [
-        YamlSection(entry, f"{root.where}: points, entry {number}")
-        for number, entry in enumerate(given, start=1)
-    ]
-    points = tuple(
-        NamedPoint(
-            name=entry.text("name"),
-            xyz_mm=entry.numbers("xyz_mm", 3),
-            deviation_mm=entry.numbers("deviation_mm", 3) if "deviation_mm" in entry else None,
-        )
-        for entry in entries
-    )
-    expect_once([point.name for point in points], f"{root.where}: points")
-    return points
-
-
-def _in_part(section: YamlSection, folder: Path) -> InPart:
-    section.refuse_unknown("run", "campaign", "sigma_mm")
-    if not any(key in section for key in ("run", "campaign", "sigma_mm")):
-        raise InputError(f"{section.where}: expected run, campaign or sigma_mm.")
-    return InPart(
-        run=folder / section.text("run") if "run" in section else None,
-        campaign=folder / section.text("campaign") if "campaign" in section else None,
-        sigma_mm=read_sigma(section) if "sigma_mm" in section else None,
-    )
+def _some(cls: type[_T], root: YamlSection, key: str, *, expected: str) -> _T | None:
+    """Read a section in which at least one thing must stand; None where it is absent."""
+    found = read_optional(cls, root, key)
+    if found is not None and not any(one in root.section(key) for one in root.section(key).values):
+        raise InputError(f"{root.where}: {key}: expected {expected}.")
+    return found
 
 
 def _expansion(section: YamlSection) -> Expansion:
@@ -203,22 +202,6 @@ def _expansion(section: YamlSection) -> Expansion:
         mean_K=temperature.number("mean") if temperature and "mean" in temperature else 0.0,
         temperature=read_spread(temperature, ("mean",)) if temperature else None,
         gradient=read_spread(section.section(gradient)) if gradient in section else None,
-    )
-
-
-def _out_of_machine(section: YamlSection, folder: Path) -> OutOfMachine:
-    section.refuse_unknown("points", "constant_mm", "per_metre_mm", "sigma_mm")
-    if not any(key in section for key in ("points", "constant_mm", "per_metre_mm", "sigma_mm")):
-        raise InputError(
-            f"{section.where}: expected points, or constant_mm and per_metre_mm, or sigma_mm."
-        )
-    return OutOfMachine(
-        points=folder / section.text("points") if "points" in section else None,
-        constant_mm=section.number("constant_mm", least=0.0) if "constant_mm" in section else 0.0,
-        per_metre_mm=(
-            section.number("per_metre_mm", least=0.0) if "per_metre_mm" in section else 0.0
-        ),
-        sigma_mm=read_sigma(section) if "sigma_mm" in section else None,
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from omm_core.budget.distributions import Distribution
 from omm_core.budget.spread_reading import read_spread
 from omm_core.errors import InputError
+from omm_core.files.declared import expect_once, per_axis
 from omm_core.files.yaml_input import YamlSection
 
 Array = NDArray[np.float64]
@@ -42,13 +42,7 @@ def read_contributors(root: YamlSection) -> tuple[Contributor, ...]:
     InputError
         Where one is malformed, named twice, or correlated in a way that cannot be.
     """
-    given = root.values.get("contributors") or []
-    if not isinstance(given, list):
-        raise InputError(f"{root.where}: expected a list of contributors, got {given!r}.")
-    found = tuple(
-        _contributor(YamlSection(entry, f"{root.where}: contributors, entry {number}"))
-        for number, entry in enumerate(given, start=1)
-    )
+    found = tuple(_contributor(entry) for entry in root.sections("contributors"))
     names = [one.name for one in found]
     expect_once(names, f"{root.where}: contributors")
     for one in found:
@@ -70,14 +64,11 @@ def _contributor(entry: YamlSection) -> Contributor:
     name = entry.text("name")
     if name in ("u_ip", "u_it", "u_out", "u_machine"):
         raise InputError(f"{entry.where}: the name {name} is taken: choose another.")
-    entry = YamlSection(entry.values, f"{entry.where} ({name})")
+    entry = entry.renamed(f"{entry.where} ({name})")
     unit = entry.text("unit") if "unit" in entry else "mm"
     sensitivity = np.ones(3)
     if "sensitivity" in entry:
-        one = not isinstance(entry.get("sensitivity"), list)
-        sensitivity = (
-            np.full(3, entry.number("sensitivity")) if one else entry.numbers("sensitivity", 3)
-        )
+        sensitivity = per_axis().read(entry, "sensitivity")
     elif unit not in LENGTHS_MM:
         raise InputError(f"{entry.where}: a sensitivity is needed: how many mm one {unit} makes.")
     correlation = entry.section("correlation") if "correlation" in entry else None
@@ -92,12 +83,3 @@ def _contributor(entry: YamlSection) -> Contributor:
             else {}
         ),
     )
-
-
-def expect_once(names: list[str], where: str) -> None:
-    """Refuse names that stand more than once."""
-    twice = sorted(name for name, number in Counter(names).items() if number > 1)[:10]
-    if twice:
-        raise InputError(
-            f"{where}: expected each name once, got {', '.join(twice)} more than once."
-        )

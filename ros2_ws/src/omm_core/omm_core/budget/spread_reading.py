@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from omm_core.budget.distributions import Distribution
 from omm_core.errors import InputError, warn
+from omm_core.files.declared import per_axis
 from omm_core.files.yaml_input import YamlSection
 
 Array = NDArray[np.float64]
@@ -55,10 +56,4 @@ def _factor(section: YamlSection) -> float:
 
 def read_sigma(section: YamlSection) -> Array:
     """Read ``sigma_mm``: one number for all axes, or one for each."""
-    if isinstance(section.get("sigma_mm"), list):
-        sigma = section.numbers("sigma_mm", 3)
-    else:
-        sigma = np.full(3, section.number("sigma_mm"))
-    if np.any(sigma < 0.0):
-        raise InputError(f"{section.where}: expected sigma_mm >= 0, got {sigma}.")
-    return sigma
+    return np.asarray(per_axis(least=0.0).read(section, "sigma_mm"))

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.errors import InputError
+from omm_core.files.declared import integer, number, read_optional, read_section, text, values
 from omm_core.files.yaml_input import YamlSection, read_yaml
 
 PHOTO_SUFFIXES = (".jpg", ".jpeg", ".tif", ".tiff", ".png")
@@ -17,11 +18,26 @@ _KEYS = (
     "camera", "photos", "leave_out", "target_family", "coded_dot_diameter_mm",
     "plain_dot_diameter_mm", "scale_bars", "check_bars", "datum",
 )  # fmt: skip
-_CAMERA_KEYS = ("name", "width_px", "height_px", "pixel_size_mm", "focal_length_mm")
-_BAR_KEYS = (
-    "ends", "length_mm", "sigma_mm", "temperature_C", "calibrated_at_C", "expansion_per_K",
-    "temperature_sigma_K",
-)  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Camera:
+    name: Annotated[str | None, text()] = None
+    width_px: Annotated[int | None, integer(minimum=1)] = None
+    height_px: Annotated[int | None, integer(minimum=1)] = None
+    pixel_size_mm: Annotated[float | None, number(above=0.0)] = None
+    focal_length_mm: Annotated[float | None, number(above=0.0)] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Bar:
+    ends: Annotated[tuple[float, ...], values(2)]
+    length_mm: Annotated[float, number(above=0.0)]
+    sigma_mm: Annotated[float, number(above=0.0)]
+    temperature_C: Annotated[float | None, number()] = None
+    temperature_sigma_K: Annotated[float, number(least=0.0)] = 0.0
+    calibrated_at_C: Annotated[float, number()] = 20.0
+    expansion_per_K: Annotated[float | None, number()] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,19 +137,25 @@ def _how_to_write(folder: Path) -> str:
 
 def _camera(root: YamlSection) -> tuple[str | None, tuple[int, int] | None, float | None]:
     """Return name, size and focal length in pixels, as far as they are given."""
-    if "camera" not in root:
-        return None, None, None
-    camera = root.section("camera")
-    camera.refuse_unknown(*_CAMERA_KEYS)
-    name = camera.text("name") if "name" in camera else None
-    size = None
-    if "width_px" in camera or "height_px" in camera:
-        size = (camera.integer("width_px", minimum=1), camera.integer("height_px", minimum=1))
-    focal = None
-    if "focal_length_mm" in camera or "pixel_size_mm" in camera:
-        pixel = camera.number("pixel_size_mm", above=0.0)
-        focal = camera.number("focal_length_mm", above=0.0) / pixel
-    return name, size, focal
+    camera = read_optional(_Camera, root, "camera") or _Camera()
+    section = root.section("camera") if "camera" in root else root
+    size = _both(section, "width_px", "height_px", camera)
+    focal = _both(section, "focal_length_mm", "pixel_size_mm", camera)
+    return (
+        camera.name,
+        None if size is None else (int(size[0]), int(size[1])),
+        None if focal is None else focal[0] / focal[1],
+    )
+
+
+def _both(
+    section: YamlSection, first: str, second: str, camera: _Camera
+) -> tuple[float, float] | None:
+    """Return two values of which neither says anything without the other; None without both."""
+    told = [getattr(camera, key) for key in (first, second)]
+    if told == [None, None]:
+        return None
+    return section.number(first), section.number(second)  # tells which one is missing
 
 
 def _optional(root: YamlSection, key: str) -> float | None:
@@ -167,30 +189,19 @@ def _matching(root: YamlSection, key: str, folder: Path) -> list[Path]:
 
 
 def _bars(root: YamlSection, key: str) -> tuple[DeclaredBar, ...]:
-    if key not in root:
-        return ()
-    given = root.get(key)
-    if not isinstance(given, list):
-        raise InputError(f"{root.where}: expected a list for '{key}'.")
-    return tuple(
-        _bar(YamlSection(entry, f"{root.where}: {key} {number}"))
-        for number, entry in enumerate(given, start=1)
-    )
+    return tuple(_bar(section) for section in root.sections(key))
 
 
-def _bar(bar: YamlSection) -> DeclaredBar:
-    bar.refuse_unknown(*_BAR_KEYS)
-    first, second = (whole_number(e, f"{bar.where}: ends") for e in bar.numbers("ends", 2))
+def _bar(section: YamlSection) -> DeclaredBar:
+    bar = read_section(_Bar, section)
+    first, second = (whole_number(e, f"{section.where}: ends") for e in bar.ends)
     if first == second:
-        raise InputError(f"{bar.where}: expected two different ends, got {first} twice.")
-    length, sigma = bar.number("length_mm", above=0.0), bar.number("sigma_mm", above=0.0)
-    if "temperature_C" in bar:
-        at = bar.number("calibrated_at_C") if "calibrated_at_C" in bar else 20.0
-        expansion = bar.number("expansion_per_K")
-        spread = 0.0
-        if "temperature_sigma_K" in bar:
-            spread = bar.number("temperature_sigma_K") * expansion * length
-        length *= 1.0 + expansion * (bar.number("temperature_C") - at)
+        raise InputError(f"{section.where}: expected two different ends, got {first} twice.")
+    length, sigma = bar.length_mm, bar.sigma_mm
+    if bar.temperature_C is not None:
+        expansion = section.number("expansion_per_K")
+        spread = bar.temperature_sigma_K * expansion * length
+        length *= 1.0 + expansion * (bar.temperature_C - bar.calibrated_at_C)
         sigma = float(np.hypot(sigma, spread))
     return DeclaredBar(ends=(first, second), length_mm=length, sigma_mm=sigma)
 
