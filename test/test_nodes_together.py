@@ -4,8 +4,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from builtin_interfaces.msg import Time
 from estimator_bench import Bench, bench_in_own_domain, end, kill
-from omm_interfaces.srv import LoadPart
+from omm_interfaces.srv import LeaveOutImage, LoadPart
+from std_srvs.srv import Trigger
 
 from omm_recording.repairing import repair
 from omm_runs.solving import solve_run
@@ -95,3 +97,58 @@ def test_a_part_that_is_changed_while_recording_is_the_one_that_is_solved(
     assert solved.part.name == live.part == "bench"
     assert len(solved.result.images) == len(live.images) == 4
     assert solved.result.missing == tuple(live.missing)
+
+
+def test_an_image_that_is_left_out_on_request_is_left_out_of_the_recording_too(
+    bench: Bench, cell: Cell, halves: tuple[list[object], list[object]], tmp_path: Path
+) -> None:
+    part, calibration = write_estimator_files(cell, tmp_path)
+    recorder = bench.start("omm_recorder", folder=tmp_path / "run")
+    estimator = bench.start("omm_estimator", part_file=part, calibration_file=calibration)
+    bench.until_heard(2)
+    with_all = bench.play([*halves[0], *halves[1]], images=8)
+    third = with_all.images[2].stamp
+
+    def ask(stamp: Time, leave_out: bool) -> object:
+        request = LeaveOutImage.Request(stamp=stamp, leave_out=leave_out)
+        return bench.call(LeaveOutImage, "/estimator/leave_out_image", request)
+
+    unknown = ask(Time(sec=1), True)
+    assert not unknown.success  # type: ignore[attr-defined]
+    assert "no image of 1000000000 ns" in unknown.message  # type: ignore[attr-defined]
+    assert ask(third, True).success  # type: ignore[attr-defined]
+    bench.until(lambda: not bench.estimates[-1].images[2].used, "the image left out")
+    live = bench.estimates[-1]
+    assert live.images[2].reason == "left out on request"
+    assert list(live.theta) != list(with_all.theta)
+    end(estimator)
+    end(recorder)
+    solved = solve_run(tmp_path / "run").result
+    assert [(i.used, i.reason or "") for i in solved.images] == [
+        (i.used, i.reason) for i in live.images
+    ]
+    assert solved.solution.theta[0] == live.theta[0]
+    assert len(solved.observations) == len(live.observations)
+
+
+def test_an_image_taken_back_in_or_a_new_clamping_undoes_it(
+    bench: Bench, cell: Cell, halves: tuple[list[object], list[object]], tmp_path: Path
+) -> None:
+    part, calibration = write_estimator_files(cell, tmp_path)
+    estimator = bench.start("omm_estimator", part_file=part, calibration_file=calibration)
+    bench.until_heard(1)
+    first = bench.play(halves[0], images=4)
+    stamp = first.images[0].stamp
+    request = LeaveOutImage.Request(stamp=stamp, leave_out=True)
+    bench.call(LeaveOutImage, "/estimator/leave_out_image", request)
+    bench.until(lambda: not bench.estimates[-1].images[0].used, "the image left out")
+    request.leave_out = False
+    bench.call(LeaveOutImage, "/estimator/leave_out_image", request)
+    bench.until(lambda: bench.estimates[-1].images[0].used, "the image taken back in")
+    assert list(bench.estimates[-1].images) == list(first.images)
+    request = LeaveOutImage.Request(stamp=stamp, leave_out=True)
+    bench.call(LeaveOutImage, "/estimator/leave_out_image", request)
+    bench.call(Trigger, "/estimator/new_clamping", Trigger.Request())
+    bench.until(lambda: not bench.estimates[-1].images, "an empty estimate")
+    assert bench.play(halves[0], images=4).images[0].used
+    end(estimator)

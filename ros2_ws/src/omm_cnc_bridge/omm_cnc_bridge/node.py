@@ -19,6 +19,7 @@ from rclpy.task import Future
 from tf2_msgs.msg import TFMessage
 
 from omm_cnc_bridge import conversions
+from omm_cnc_bridge.camera_watch import CameraWatch
 from omm_cnc_bridge.commands import Commands
 from omm_cnc_bridge.control import (
     Connection,
@@ -87,6 +88,7 @@ class CncBridgeNode(Node):
             if p.trigger_service
             else None
         )
+        self._watch = CameraWatch(self, self._camera) if self._camera and p.start_program else None
         self._commands = Commands(self, self._control, p, self._trouble, self._unrest)
         self.create_timer(1.0 / p.state_rate_hz, self._on_timer)
         diagnostics = Diagnostics(self, hardware_id=p.control)
@@ -240,14 +242,15 @@ class CncBridgeNode(Node):
             self._start_when_the_camera_is_there()
 
     def _start_when_the_camera_is_there(self) -> None:
-        if self._camera is None:
+        if self._watch is None:
             return
-        if self._camera.service_is_ready():
-            self._commands.start_program()
-        else:
-            self.get_logger().info(
-                f"the program waits for the service {self._camera.service_name}",
-                throttle_duration_sec=10.0,
+        if awaited := self._watch.awaited():
+            self.get_logger().info(f"the program waits for {awaited}", throttle_duration_sec=10.0)
+            return
+        started, why = self._commands.start_program()
+        if not started:
+            self.get_logger().warning(
+                f"the program is not started: {why}", throttle_duration_sec=10.0
             )
 
     def _publish_state(self) -> None:

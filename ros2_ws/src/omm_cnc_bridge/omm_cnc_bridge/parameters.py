@@ -85,7 +85,7 @@ class Parameters:
         minimum=0.0,
     )
     start_program: bool = parameter(
-        True, "Simulated control: start its program as soon as the camera's service is there."
+        True, "Simulated control: start its program as soon as the camera streams."
     )
 
     plan_file: str = parameter(

@@ -6,7 +6,7 @@ import sys
 import time
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from omm_interfaces.msg import SpindleState
 from omm_interfaces.srv import Mdi, TriggerImage
@@ -41,6 +41,9 @@ class Bench:
         n.create_subscription(SpindleState, "/cnc/state", self.states.append, qos.STATE)
         n.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
         n.create_service(TriggerImage, "/camera/trigger", self._on_trigger)
+        self.camera_says = "streaming"  # on /diagnostics, twice a second; empty: nothing
+        self._saying = n.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        n.create_timer(0.5, self._say)
 
     def _on_pose(self, message) -> None:
         self.heard_ns.append(time.time_ns())
@@ -55,6 +58,14 @@ class Bench:
         response.stamp = self.node.get_clock().now().to_msg()
         self.images_ns.append(stamp_ns(response.stamp))
         return response
+
+    def _say(self) -> None:
+        if not self.camera_says:
+            return
+        fine = self.camera_says == "streaming"
+        level = DiagnosticStatus.OK if fine else DiagnosticStatus.ERROR
+        status = DiagnosticStatus(name="camera: connection", level=level, message=self.camera_says)
+        self._saying.publish(DiagnosticArray(status=[status]))
 
     def spin(self, seconds: float, until=lambda: False) -> bool:
         deadline = time.monotonic() + seconds

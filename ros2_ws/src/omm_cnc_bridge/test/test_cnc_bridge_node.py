@@ -31,6 +31,26 @@ def test_program_is_measured_and_poses_flow(bench, start_node):
     assert process.wait(10.0) == 0
 
 
+def test_the_program_waits_until_the_camera_streams_and_says_for_what(bench, start_node):
+    bench.camera_says = "no camera answers at 192.168.1.7"
+    process = start_node(control="simulated", seed=3, speed_factor=4.0)
+    assert bench.spin(30.0, lambda: bench.states and bench.states[-1].connection == 2)
+    bench.spin(7.0)  # longer than a camera that says nothing of itself is waited for
+    assert {s.program_state for s in bench.states} <= {0, 1}  # unknown, stopped
+    assert bench.triggered == 0
+    bench.camera_says = "streaming"
+    assert bench.spin(30.0, lambda: bench.triggered > 0)
+    process.send_signal(signal.SIGINT)
+    _, text = process.communicate(timeout=10)
+    assert "waits for the camera to stream; it says: no camera answers at 192.168.1.7" in text
+
+
+def test_a_camera_that_says_nothing_of_itself_is_asked_all_the_same(bench, start_node):
+    bench.camera_says = ""
+    start_node(control="simulated", seed=3, speed_factor=4.0)
+    assert bench.spin(40.0, lambda: bench.triggered > 0)
+
+
 def test_a_camera_that_fails_is_told_and_the_program_is_not_answered(bench, start_node):
     bench.camera_works = False
     start_node(seed=3, speed_factor=4.0, trigger_attempts=2, retry_s=0.1)

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from omm_interfaces.msg import PartEstimate, TargetObservations
-from omm_interfaces.srv import LoadPart
+from omm_interfaces.srv import LeaveOutImage, LoadPart
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Image
@@ -102,6 +103,7 @@ class EstimatorNode(LifecycleNode):
         self._answers = [
             self.create_service(Trigger, "~/new_clamping", self._on_new_clamping),
             self.create_service(LoadPart, "~/load_part", self._on_load_part),
+            self.create_service(LeaveOutImage, "~/leave_out_image", self._on_leave_out_image),
         ]
         self._ticking = [
             self.create_timer(_SETTLE_PERIOD_S, self._on_timer),
@@ -202,6 +204,8 @@ class EstimatorNode(LifecycleNode):
     def _on_new_clamping(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         assert self._measurement is not None
         part, calibration = self._measurement.part, self._measurement.calibration
+        self._measurement = None  # nothing is to be published of what is being forgotten
+        self._leave_out([])
         self._measurement = Measurement(part, calibration, self._options())
         self._clamping += 1
         self._publish(keyed("said.new_clamping", "new clamping: all images were forgotten"))
@@ -219,8 +223,28 @@ class EstimatorNode(LifecycleNode):
             return response
         # So that everybody can see which file it is; the recorder keeps it.
         self.set_parameters([Parameter("part_file", value=request.part_file)])
+        self._leave_out([])
         response.success, response.message = True, f"measuring {part.name}"
         return response
+
+    def _on_leave_out_image(
+        self, request: LeaveOutImage.Request, response: LeaveOutImage.Response
+    ) -> LeaveOutImage.Response:
+        stamp, left_out = stamp_ns(request.stamp), set(self._p.left_out_ns)
+        if self._measurement is None or not self._measurement.knows(stamp):
+            response.message = f"There is no image of {stamp} ns; /omm/estimate lists all."
+            return response
+        self._leave_out(left_out | {stamp} if request.leave_out else left_out - {stamp})
+        what = "is left out" if request.leave_out else "counts again"
+        response.success, response.message = True, f"image {stamp} ns {what}"
+        self.get_logger().info(response.message)
+        return response
+
+    def _leave_out(self, stamps: Iterable[int]) -> None:
+        """Set the parameter: so everybody can see it, and the recorder keeps it."""
+        if set(stamps) != set(self._p.left_out_ns):
+            kind = Parameter.Type.INTEGER_ARRAY
+            self.set_parameters([Parameter("left_out_ns", kind, sorted(stamps))])
 
     def _on_parameters(self, parameters: Parameters) -> None:
         if self._measurement is not None and parameters.part_file != self._p.part_file:
@@ -228,6 +252,7 @@ class EstimatorNode(LifecycleNode):
         self._p = parameters
         if self._measurement is not None:
             self._measurement.solve_with(parameters.solve_options(self._machine))
+            self._measurement.leave_out(parameters.left_out_ns)
             self._publish()
 
     # --- outputs -------------------------------------------------------------------------------
@@ -267,6 +292,7 @@ class EstimatorNode(LifecycleNode):
             )
         part, calibration = load_part(part_file), load_calibration(self._p.calibration_file)
         self._measurement = Measurement(part, calibration, self._options())
+        self._measurement.leave_out(self._p.left_out_ns)
         self._last = None
         camera = conversions.camera_frame(calibration)
         if self._p.publish_tf:

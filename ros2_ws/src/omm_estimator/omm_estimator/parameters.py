@@ -54,6 +54,10 @@ class Parameters:
         "fit", "fit: the most accurate; outline: faster, a fifth to a half less accurate.",
         choices=("fit", "outline"),
     )  # fmt: skip
+    left_out_ns: tuple[int, ...] = parameter(
+        (), "Stamps (ns) of images that are left out on request; ~/leave_out_image sets it.",
+        read_only=False,
+    )  # fmt: skip
     part_frame: str = parameter("part", "Name of the part's frame in /tf.")
     network: bool = network_parameter()
     frame_prefix: str = parameter("", "Before every frame's name, for several machines: mill1/.")

@@ -54,7 +54,9 @@ def _value(value: Any) -> Any:
     """Return a parameter's value from its message; None where it is not set."""
     names = (None, *_SCALARS, *_ARRAYS)
     name = names[value.type] if value.type < len(names) else None
-    return getattr(value, f"{name}_value") if name else None
+    found = getattr(value, f"{name}_value") if name else None
+    as_list = getattr(found, "tolist", None)
+    return as_list() if as_list else found
 
 
 def _parsed(name: str, text: str) -> Any:
@@ -110,6 +112,14 @@ def options_from(settings: Settings, machine: Machine | None = None) -> Measurem
         found["max_diameter_px"] = told
     detection: DetectionOptions = DetectionOptions(**found)
     return MeasurementOptions(pairing=PairingOptions(**values), solve=solve, detection=detection)
+
+
+def left_out(settings: Settings) -> frozenset[int]:
+    """Return the stamps (ns) of images that the live estimator was told to leave out."""
+    stamps = settings.get("left_out_ns") or ()
+    if not isinstance(stamps, list | tuple) or not all(type(stamp) is int for stamp in stamps):
+        raise _unusable("left_out_ns", stamps)
+    return frozenset(stamps)
 
 
 def _of_class(kind: Any, settings: Settings) -> Settings:

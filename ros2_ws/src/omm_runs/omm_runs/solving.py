@@ -31,6 +31,7 @@ from omm_recording.reading import Recording
 from omm_runs.recorded_estimator import (
     RecordedEstimate,
     Settings,
+    left_out,
     options_from,
     recorded_estimate,
     recorded_settings,
@@ -107,6 +108,7 @@ def solve_run(run: Path, options: SolveRunOptions | None = None) -> SolvedRun:
         recorded = recorded_estimate(recording)
         machine = _machine(recording, options.machine_file, settings, notices)
         measurement = Measurement(part, calibration, options_from(settings, machine))
+        measurement.leave_out(left_out(settings))
         forgotten = recorded.forgotten if recorded is not None else frozenset()
         if recorded is not None and recorded.part != part.name:
             notices.append(f"live, the part was {recorded.part}; solved is {part.name}")

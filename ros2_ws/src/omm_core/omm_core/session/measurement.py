@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from omm_core.targets import Detection
 
 _NOT_IN_PART = keyed("said.not_in_part", "not a target of the part")
+_LEFT_OUT = keyed("said.on_request", "left out on request")
 _NO_TARGET = keyed("said.no_target", "no target was found")
 _NO_PART_TARGET = keyed("said.no_part_target", "no target of the part was found")
 _MORE_THAN_ONCE = keyed("said.more_than_once", "the number was found more than once in this image")
@@ -88,6 +89,7 @@ class Measurement:
         self._family = TargetFamily.by_name(part.target_family)
         self._poses = PoseTrack(self.options.pairing)
         self._images: dict[int, set[tuple[_Seen, ...] | Words]] = {}
+        self._left_out: frozenset[int] = frozenset()
         self._solved: tuple[Any, Solution] | None = None
 
     def add_pose(self, stamp_ns: int, machine_T_spindle: RigidTransform) -> None:
@@ -146,6 +148,14 @@ class Measurement:
         if not any(_same(content, known) for known in versions):
             versions.add(content)
 
+    def leave_out(self, stamps_ns: Iterable[int]) -> None:
+        """Leave out the images of these stamps, and no others, from now on."""
+        self._left_out = frozenset(stamps_ns)
+
+    def knows(self, stamp_ns: int) -> bool:
+        """Tell whether an image of that stamp was added."""
+        return stamp_ns in self._images
+
     def solve_with(self, options: SolveOptions) -> None:
         """Solve with other options from now on; what was measured stays."""
         self.options = replace(self.options, solve=options)
@@ -198,6 +208,8 @@ class Measurement:
     ) -> tuple[_Seen, ...] | Words:
         """Return the targets of an image, or why it cannot be used whatever its pose."""
         versions = self._images[stamp_ns]
+        if stamp_ns in self._left_out:
+            return _LEFT_OUT
         if len(versions) > 1:
             return keyed(
                 "said.same_stamp", "{n} different images carry this stamp", n=len(versions)
