@@ -132,16 +132,30 @@ def test_a_wrong_image_is_left_out_and_named():
 
 
 @pytest.mark.parametrize(
-    "places",
+    ("places", "words"),
     [
-        places_before(TRUTH, (300,)),
-        places_before(TRUTH, (130, 300, 500), columns=2, rows=1),
+        (places_before(TRUTH, (130, 300, 500), columns=2, rows=1), r"open: .*cl0_px .*k1_px2"),
+        (
+            places_before(TRUTH, (130, 250, 500), columns=1, rows=9),
+            r"open: .*beta_rad \(with cl0_px",
+        ),
+        (
+            places_before(TRUTH, (130, 250, 500), columns=2, rows=2),
+            r"1 direction .*open: k1_px2 \(with focal_length_mm, k2_px4",
+        ),
     ],
-    ids=["one distance", "two image points"],
+    ids=["two image points", "one column", "four image points"],
 )
-def test_a_set_that_leaves_the_camera_open_is_told(places):
+def test_what_a_set_leaves_open_is_named(places, words):
     places = np.concatenate([places] * 3)
-    with pytest.raises(MeasurementError, match=r"open|too little|does not converge"):
+    with pytest.raises(MeasurementError, match=words):
+        calibrate(TRUTH, places, 5)
+
+
+def test_one_plane_across_leaves_distance_and_focal_length_open_together():
+    x, y = np.meshgrid(np.linspace(-110, 110, 7), np.linspace(-80, 80, 5))
+    places = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, -620.0)])
+    with pytest.raises(MeasurementError, match=r"1 direction .*: z_mm \(with focal_length_mm\)"):
         calibrate(TRUTH, places, 5)
 
 

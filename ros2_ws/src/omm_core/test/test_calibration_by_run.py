@@ -26,14 +26,16 @@ SIGMA_PX, SIGMA_TARGET, SIGMA_STOP = 0.02, 0.03, 0.002
 Z = PARAMETERS.index("z_mm")
 
 
-def simulated(seed, turns=(0.0, 90.0, 180.0, 270.0), heights=(170, 300, 450)):
+def simulated(
+    seed, turns=(0.0, 90.0, 180.0, 270.0), heights=(170, 300, 450), sides=(-1, 1), nominal=NOMINAL
+):
     """A run over a plate; returns observations, the nominal part, the true height of target 1."""
     rng = np.random.default_rng(seed)
-    true = NOMINAL + rng.normal(0, SIGMA_TARGET, NOMINAL.shape)
+    true = nominal + rng.normal(0, SIGMA_TARGET, nominal.shape)
     centre = MACHINE_T_PLATE @ np.zeros(3)
     seen = []
     for number, (turn, height, side) in enumerate(
-        (t, h, s) for h in heights for t in turns for s in (-1, 1)
+        (t, h, s) for h in heights for t in turns for s in sides
     ):
         told = RigidTransform.from_euler_xyz_rad(
             0.0, 0.0, np.radians(turn), centre + [30 * side, -20 * side, height + 320]
@@ -64,7 +66,7 @@ def simulated(seed, turns=(0.0, 90.0, 180.0, 270.0), heights=(170, 300, 450)):
                 normal=np.array([0.0, 0.0, 1.0]),
                 sigma_xyz_mm=np.full(3, SIGMA_TARGET),
             )
-            for i, xyz in enumerate(NOMINAL, start=1)
+            for i, xyz in enumerate(nominal, start=1)
         ),
     )
     return seen, part, float((MACHINE_T_PLATE @ true[0])[2])
@@ -107,6 +109,26 @@ def test_a_spindle_that_does_not_turn_leaves_the_place_across_open():
     assert "gamma_rad" not in result.undetermined
     f = result.camera[0] - TRUTH[0]
     assert abs(f) < 5 * np.sqrt(result.covariance[0, 0])
+
+
+def test_one_height_over_a_flat_plate_leaves_focal_length_and_height_open_together():
+    with pytest.raises(MeasurementError, match=r"open: z_mm \(with focal_length_mm"):
+        calibrate(4, heights=(300,), nominal=NOMINAL * [1, 1, 0])
+
+
+def test_from_one_place_only_the_roll_is_open():
+    # A turn of the camera about the spindle's axis is then one of the plate.
+    with pytest.raises(MeasurementError, match=r"1 direction .*open: gamma_rad\."):
+        calibrate(4, heights=(300,), sides=(0,))
+
+
+def test_what_is_assumed_is_the_hint_where_there_is_one():
+    seen, part, _ = simulated(7)
+    hint = TRUTH.copy()
+    hint[Z] = -315.0
+    result = calibrate_by_run(SENSOR, seen, part, machine_sigma_mm=SIGMA_STOP, hint=hint)
+    assert result.camera[Z] == -315.0
+    assert np.sqrt(result.covariance[Z, Z]) == pytest.approx(10.0, rel=1e-3)
 
 
 def test_a_touched_target_that_is_not_seen_is_refused():

@@ -12,6 +12,12 @@ from numpy.typing import NDArray
 from omm_core.adjustment import Block, Group, Problem, Solution, solve, test_observations
 from omm_core.adjustment.problem import Values
 from omm_core.camera_calibration.model import PARAMETERS, Sensor, project_with_derivatives
+from omm_core.camera_calibration.openness import (
+    camera_information,
+    open_directions,
+    sizes,
+    words_for,
+)
 from omm_core.camera_calibration.result import CalibrationResult, Observation, require_determined
 from omm_core.camera_calibration.start import start_from_places
 from omm_core.errors import MeasurementError
@@ -24,6 +30,8 @@ Mask = NDArray[np.bool_]
 _LARGEST_T2 = 27.6
 # Chi-square of 13 degrees of freedom that one good set in a thousand exceeds.
 _LARGEST_HALVES = 34.5
+# Sizes (openness.py) within which a camera is held to its start until it is known to be closed.
+_LOOSE = 10.0
 
 
 def calibrate_by_places(
@@ -68,6 +76,7 @@ def calibrate_by_places(
     used = np.ones(n, dtype=bool)
     starts = start_from_places(sensor, places, pixels)
     camera = _best_start(sensor, outlines, pixels, starts if hint is None else [*starts, hint])
+    camera = _closed(sensor, outlines, pixels, covariance_px2, sigma_xyz_mm, camera)
     while True:
         problem, solution = _adjust(
             sensor, outlines, pixels, covariance_px2, sigma_xyz_mm, used, camera
@@ -116,7 +125,11 @@ def _adjust(
     sigma_xyz_mm: float,
     used: Mask,
     camera: Array,
+    prior_sigma: Array | None = None,
 ) -> tuple[Problem, Solution]:
+    prior = None if prior_sigma is None else prior_sigma[None]
+    about = None if prior is None else camera[None]
+
     def evaluate(values: Values) -> tuple[Array, dict[str, Array]]:
         centres, by_camera, _ = project_with_derivatives(sensor, values["camera"][0], outlines)
         return centres, {"camera": by_camera}
@@ -131,11 +144,37 @@ def _adjust(
             evaluate=evaluate,
             used=used,
         )
-        group = Group(name="camera", values=camera[None], names=PARAMETERS)
+        group = Group(
+            name="camera", values=camera[None], names=PARAMETERS, sigma=prior, observed=about
+        )
         problem = Problem(groups=(group,), blocks=(block,))
         solution = solve(problem)
         camera = solution.values["camera"][0]
     return problem, solution
+
+
+def _closed(
+    sensor: Sensor,
+    outlines: Array,
+    pixels: Array,
+    covariance_px2: Array,
+    sigma_xyz_mm: float,
+    camera: Array,
+) -> Array:
+    """Return the camera held loosely near a start; raise MeasurementError where it is open."""
+    size = sizes(sensor, camera[0])
+    used = np.ones(len(pixels), dtype=bool)
+    problem, solution = _adjust(
+        sensor, outlines, pixels, covariance_px2, sigma_xyz_mm, used, camera, _LOOSE * size
+    )
+    known = camera_information(problem, solution.values) - np.diag((_LOOSE * size) ** -2.0)
+    opened = open_directions(known, size)
+    if opened:
+        raise MeasurementError(
+            f"The set leaves {words_for(opened)}. Spread the dots over the whole image and over"
+            " several distances."
+        )
+    return solution.values["camera"][0]
 
 
 def _halves(

@@ -16,7 +16,8 @@ from omm_core.errors import MeasurementError
 from omm_core.files.part import Part
 from omm_core.geometry import RigidTransform, euler_xyz_rad_from_rotation, holder_rotation
 from omm_core.imaging.calibration import CameraCalibration
-from omm_core.part_pose import Observation, SolveOptions, solve
+from omm_core.part_pose import Observation, SolveOptions, build_problem
+from omm_core.part_pose.adjustment import adjust
 
 Array = NDArray[np.float64]
 
@@ -60,14 +61,13 @@ def _trial(
         taper_T_camera=RigidTransform.from_euler_xyz_rad(np.pi, 0.0, 0.0),
         covariance=np.zeros((0, 0)),
     )
-    options = SolveOptions(
-        use_target_sigma=False, find_errors=False,
-        stop_sigma_mm=0.0, geometry_sigma_mm=0.0, trust_detector=True,
-    )  # fmt: skip
-    solution = solve(seen, part, calibration, options)
-    if not np.isfinite(solution.theta).all():
+    # No noise but that of pixels, and no judgement on what is determined: it is a start.
+    problem = build_problem(seen, part, calibration)
+    minima = adjust(problem, SolveOptions(find_errors=False))
+    if not minima:
         return None
-    looking = holder_rotation(float(solution.theta[6])) @ calibration.taper_T_camera.rotation
+    theta = minima[0].theta(problem.X0_mm)
+    looking = holder_rotation(float(theta[6])) @ calibration.taper_T_camera.rotation
     alpha, beta, gamma = euler_xyz_rad_from_rotation(looking)
     camera[10:] = alpha % (2 * np.pi), beta, gamma
-    return float(solution.rms_px), camera, np.array(solution.theta[:6])
+    return float(minima[0].cost), camera, np.array(theta[:6])

@@ -90,7 +90,7 @@ def project_with_derivatives(
     p = from_camera @ rotation
     pixels, by_point = lens.project_with_jacobian(p)
     by_camera = np.empty((n * k, 2, 13))
-    by_camera[:, :, :7] = _by_lens(lens, p, pixels)
+    by_camera[:, :, :7] = _by_lens(lens, p, pixels, by_point)
     by_taper = by_point @ rotation.T
     by_camera[:, :, 7:10] = -by_taper
     for angle, derivative in enumerate(rotation_derivatives(camera[10:])):
@@ -107,13 +107,14 @@ def project_with_derivatives(
     )
 
 
-def _by_lens(lens: BrownPhotogrammetric, p: Array, pixels: Array) -> Array:
+def _by_lens(lens: BrownPhotogrammetric, p: Array, pixels: Array, by_point: Array) -> Array:
     """Return d(pixel)/d(f, cl0, rw0, k1, k2, p1, p2), (N, 2, 7).
 
-    From F(x, y; k) = f n: dF/d(x, y) is the inverse of the derivative that the lens tells.
+    From F(x, y; k) = f n: dF/d(x, y) is the inverse of the derivative that the lens tells; its
+    derivative by n = (u/w, v/w) is w times that by (u, v).
     """
     normalised = p[:, :2] / p[:, 2:]
-    by_normalised = lens.pixels_from_normalised(normalised)[1]
+    by_normalised = by_point[:, :, :2] * p[:, 2, None, None]
     x, y = (pixels - lens.principal_point_px).T
     r2 = x * x + y * y
     ideal = np.stack(
