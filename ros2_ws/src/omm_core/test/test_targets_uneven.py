@@ -39,6 +39,37 @@ def test_no_number_is_misread_and_most_are_read(fall):
     assert np.mean(normalised) < 2.0 * 1.6  # two coordinates
 
 
+def under_a_beams_edge(rng, target_id, dark, width):
+    """A bright target across which a beam ends: `dark` of its light is left, over `width` radii."""
+    image, centre = target_image(
+        rng, target_id=target_id, name="aicon14", diameter_px=DIAMETER_PX, blur_px=0.6
+    )
+    rows, cols = np.mgrid[: image.shape[0], : image.shape[1]]
+    angle, place = rng.uniform(0, 2 * np.pi), rng.uniform(-1.5, 1.5)
+    along = (cols - centre[0]) * np.cos(angle) + (rows - centre[1]) * np.sin(angle)
+    edge = 1.0 / (1.0 + np.exp(-1.7 * (along / (0.5 * DIAMETER_PX) - place) / width))
+    return as_seen(rng, 0.5 * image * (dark + (1.0 - dark) * edge), read_dn=0.7), centre
+
+
+@pytest.mark.parametrize(
+    ("dark", "width", "least"), [(0.2, 1.0, 36), (0.4, 0.3, 26), (0.2, 0.4, 18)]
+)
+def test_a_beams_edge_on_the_target_hides_no_sector_and_is_in_the_covariance(dark, width, least):
+    """What lies in the shadow is dark, not clear; the dot's dark side is a part of the dot."""
+    rng = np.random.default_rng(round(1000 * dark + 10 * width))
+    read, normalised = 0, []
+    for target_id in range(1, 481, 12):
+        image, centre = under_a_beams_edge(rng, target_id, dark, width)
+        for target in detect_targets(image, FAMILY).targets:
+            assert target.id == target_id
+            read += 1
+            off = target.center_px - centre
+            assert np.hypot(*off) < 0.06 * DIAMETER_PX
+            normalised.append(off @ np.linalg.solve(target.covariance_px2, off))
+    assert read >= least
+    assert np.mean(normalised) < 2.0 * 2.0  # two coordinates
+
+
 def test_the_covariance_grows_with_the_fall():
     rng = np.random.default_rng(3)
     widths = []

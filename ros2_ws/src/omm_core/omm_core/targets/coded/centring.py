@@ -19,6 +19,7 @@ from omm_core.targets.coded.light import (
     noise,
     slopes_prior,
 )
+from omm_core.targets.coded.uneven import grey_unit, outline_uneven
 from omm_core.targets.conic.dot_fit import fit_dot
 from omm_core.targets.conic.dot_model import PARAMETERS
 from omm_core.targets.conic.outline import semi_axes, square_root
@@ -34,6 +35,11 @@ MAX_MISFIT = 4.0
 UNEVEN_SHARE = 0.06
 """Error of a centre (dot radii) where light falls by all of the contrast over a dot's radius; it
 grows with the square (drawn, a dot of 16 px: 0.045 px where light is 0.55 at the ring)."""
+ROUGH = 0.03
+"""Error of the model, of the contrast, with which a fit that did not settle is tried once more."""
+EDGES_SHARE = 0.01
+"""Error of the ellipse through the edges (dot radii) where a beam ends on the dot (drawn: see
+test_targets_uneven)."""
 MAX_RESIDUAL = 0.06
 """RMS of the residuals, of the contrast, from which on something lies on the dot. Below, misfit
 comes from what the camera does to edges (sharpening, JPEG), which is the same on all sides."""
@@ -65,9 +71,61 @@ def centre_all(
     if again:
         read, gain = noise(lights)
     return [
-        _judge(reading, _fit(image, family, reading, read, gain, saturation, light))
+        _judged(image, family, reading, read, gain, saturation, light)
         for reading, light in zip(readings, lights, strict=True)
     ]
+
+
+def _judged(
+    image: NDArray[Any],
+    family: TargetFamily,
+    reading: Reading,
+    read: float,
+    gain: float,
+    saturation: float,
+    light: Light | None,
+) -> DetectedTarget | RefusedTarget:
+    """Fit a dot, and once more as one that its model does not describe to within the noise."""
+    fit = _fit(image, family, reading, read, gain, saturation, light)
+    if fit is None:
+        contrast = float(reading.outline[5] - reading.outline[6])
+        rough = read + (ROUGH * contrast) ** 2
+        fit = _fit(image, family, reading, rough, gain, saturation, light)
+    outcome = _judge(reading, fit)
+    if reading.uneven or (fit is not None and _is_rough(fit)):
+        return _by_the_edges(image, reading, outcome)
+    return outcome
+
+
+def _is_rough(fit: tuple[Floats, Floats, Floats]) -> bool:
+    """Whether the model is off by what a beam's edge on the dot would do."""
+    p, _, statistics = fit
+    free = max(float(statistics[5]) - PARAMETERS, 1.0)
+    residual = math.sqrt((statistics[1] + statistics[3]) / (free + PARAMETERS))
+    return residual > ROUGH * abs(p[6] - p[9]) and statistics[4] > MAX_MISFIT * free
+
+
+def _by_the_edges(
+    image: NDArray[Any], reading: Reading, fitted: DetectedTarget | RefusedTarget
+) -> DetectedTarget | RefusedTarget:
+    """Return the fit, or where that is off them the ellipse through the steepest edges.
+
+    These ask nothing of the light, so a beam's edge or a shadow on the dot moves them little.
+    """
+    candidate = np.append(reading.outline[:5], reading.sign)
+    outline, ok = outline_uneven(image, candidate, grey_unit(image))
+    if not ok:
+        return fitted
+    local = centre_of_outline(replace(reading, outline=outline))
+    covariance = local.covariance_px2 + np.eye(2) * (EDGES_SHARE * reading.radius_px) ** 2
+    if isinstance(fitted, DetectedTarget):
+        off = fitted.center_px - local.center_px
+        if off @ np.linalg.solve(covariance + fitted.covariance_px2, off) < 4.0:
+            wider = fitted.covariance_px2 + np.outer(off, off) + np.eye(2) * 0.25 * (off @ off)
+            return replace(fitted, covariance_px2=wider)
+    elif not reading.uneven:
+        return fitted
+    return replace(local, covariance_px2=covariance)
 
 
 def _is_to_see_again(reading: Reading, light: Light | None) -> bool:

@@ -16,7 +16,7 @@ from omm_core.errors import InputError
 from omm_core.targets.coded.centring import centre_all, centre_of_outline
 from omm_core.targets.coded.families import TargetFamily, mirror_code
 from omm_core.targets.coded.judging import Reading, judge_candidates
-from omm_core.targets.coded.search import find_dots
+from omm_core.targets.coded.search import find_dots, step_above
 from omm_core.targets.detected import DetectedTarget, Detection, RefusedTarget
 from omm_core.words import Words, keyed
 
@@ -122,9 +122,11 @@ def _search(image: Image, family: TargetFamily, options: DetectionOptions) -> ND
     half = cv2.resize(image, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
     unit = 1.0 if image.dtype == np.uint8 else max(float(half.max()) / 255.0, 1.0)
     found = np.empty((options.max_candidates, 6))
+    step = max(round(0.5 * options.min_contrast_dn * unit), 2)
     count = find_dots(
         half,
-        max(round(0.5 * options.min_contrast_dn * unit), 2),
+        step,
+        step_above(half, step),
         max(int(0.6 * options.min_contrast_dn * unit), 3),
         int(0.5 * options.max_diameter_px),
         0.5 * (1.0 + family.ring_inner_ratio),

@@ -6,7 +6,7 @@ Each step either hands on or gives a reason that a person understands.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from omm_core.targets.coded import reading
 from omm_core.targets.coded.families import TargetFamily
 from omm_core.targets.coded.reading import read_candidates, read_ring
-from omm_core.targets.coded.uneven import lights_across
+from omm_core.targets.coded.uneven import grey_unit, outline_uneven, read_uneven
 from omm_core.targets.conic.outline import semi_axes, square_root, within_any
 from omm_core.targets.detected import RefusedTarget
 from omm_core.words import Words, keyed
@@ -41,6 +41,7 @@ class Reading:
     lean : (2,) the perspective's share, see `reading.ring_profile`.
     sign : +1 bright dot, -1 dark dot.
     bits : (n,) 0/1 clockwise from `phase_rad`, as seen; not yet rotated to the code.
+    uneven : whether it could be read only as one on which the light falls off.
     """
 
     id: int
@@ -50,11 +51,24 @@ class Reading:
     bits: NDArray[np.int64]
     phase_rad: float
     margin: float
+    uneven: bool = False
 
     @property
     def radius_px(self) -> float:
         """Radius of the circle with the ellipse's area."""
         return radius(self.outline)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Seen:
+    """What is seen of a candidate: `reading.read_ring`'s bits and facts, what speaks against it."""
+
+    shape: Floats
+    bits: NDArray[np.int64]
+    facts: Floats
+    against: int
+    lean: Floats = field(default_factory=lambda: np.zeros(2))
+    uneven: bool = False
 
 
 def radius(conic: Floats) -> float:
@@ -81,36 +95,28 @@ def judge_candidates(
     rings = np.empty((len(dots), 5))
     refused = []
     for i, shape in enumerate(shapes):
-        lean = np.zeros(2)
-        bits_seen, seen, against = bits[i], facts[i], int(doubts[i])
         if within_any(rings, len(readings), shape[0], shape[1], family.ring_outer_ratio):
             continue
+        candidate = candidates[dots[i]]
+        seen = _Seen(shape=shape, bits=bits[i], facts=facts[i], against=int(doubts[i]))
         # Perspective blurs a ring; it does not make one of nothing, or of the image's border.
-        if against in (reading.CUT, reading.NO_RING):
-            leaning = None
-        else:
-            leaning = _perspective(image, family, shape, seen)
-        if leaning is not None:
-            lean = leaning
-            bits_seen, seen = _read(image, family, shape, lean)
-            against = reading.doubt(seen)
-        if against in (reading.UNCLEAR, reading.COVERED, reading.NO_RING):
-            uneven = _uneven(image, family, shape)
-            if uneven is not None:
-                bits_seen, seen = uneven
-                lean, against = np.zeros(2), reading.NONE
-        if against == reading.NO_RING:
+        if seen.against not in (reading.CUT, reading.NO_RING, reading.NO_DOT):
+            lean = _perspective(image, family, shape, seen.facts)
+            seen = seen if lean is None else _read(image, family, shape, lean)
+        if seen.against in _MAY_BE_LIGHT:
+            seen = _uneven(image, family, candidate) or seen
+        if seen.against in (reading.NO_RING, reading.NO_DOT):
             continue  # nothing ring-like is there, which is not worth a word
-        sign = int(candidates[dots[i], 5])
-        outcome = _number(family, shape, lean, sign, bits_seen, seen, against)
+        outcome = _number(family, seen, int(candidate[5]))
         if isinstance(outcome, Reading):
-            rings[len(readings)] = shape[:5]
+            rings[len(readings)] = seen.shape[:5]
             readings.append(outcome)
         else:
             refused.append(outcome)
     return readings, refused
 
 
+_MAY_BE_LIGHT = (reading.UNCLEAR, reading.COVERED, reading.NO_RING, reading.SHADED, reading.NO_DOT)
 _DOUBTS = {
     reading.CUT: keyed("said.ring_cut", "the ring is cut by the border of the image"),
     reading.UNCLEAR: keyed("said.ring_unclear", "a sector of the ring is neither set nor clear"),
@@ -120,27 +126,23 @@ _DOUBTS = {
         " it",
     ),
     reading.FILLED: keyed("said.ring_filled", "something lies between dot and ring"),
+    reading.SHADED: keyed(
+        "said.ring_shaded", "a shadow lies on the ring: what is dark there may be set"
+    ),
 }
 
 
-def _number(
-    family: TargetFamily,
-    shape: Floats,
-    lean: Floats,
-    sign: int,
-    bits: NDArray[np.int64],
-    facts: Floats,
-    against: int,
-) -> Reading | RefusedTarget:
+def _number(family: TargetFamily, seen: _Seen, sign: int) -> Reading | RefusedTarget:
     """Return a reading, or a refusal."""
-    if against == reading.OTHER_WIDTH:
+    shape = seen.shape
+    if seen.against == reading.OTHER_WIDTH:
         words = keyed(
             "said.ring_width", "the ring is not as wide as those of {family}", family=family.name
         )
         return refusal(shape, words)
-    if against != reading.NONE:
-        return refusal(shape, _DOUBTS[against])
-    code = int("".join(map(str, bits)), 2)
+    if seen.against != reading.NONE:
+        return refusal(shape, _DOUBTS[seen.against])
+    code = int("".join(map(str, seen.bits)), 2)
     target_id = family.id_of(code)
     if target_id is None:
         words = keyed(
@@ -152,11 +154,12 @@ def _number(
     return Reading(
         id=target_id,
         outline=shape,
-        lean=lean,
+        lean=seen.lean,
         sign=sign,
-        bits=bits,
-        phase_rad=float(facts[0]),
-        margin=float(facts[1]),
+        bits=seen.bits,
+        phase_rad=float(seen.facts[0]),
+        margin=float(seen.facts[1]),
+        uneven=seen.uneven,
     )
 
 
@@ -182,7 +185,7 @@ def _perspective(
     errors = np.full(len(leans), math.nan)
     errors[middle] = _ring_error(straight)
     for i in _FROM_THE_MIDDLE:
-        errors[i] = _ring_error(_read(image, family, shape, leans[i] * axis)[1])
+        errors[i] = _ring_error(_read(image, family, shape, leans[i] * axis).facts)
         # Where a ring is read and fits worse on both sides, it fits best as it is.
         near = errors[middle - 1 : middle + 2]
         if near[1] < 1.0 and near[0] >= near[1] <= near[2]:
@@ -198,29 +201,25 @@ def _perspective(
     return np.asarray((leans[best] + shift * (leans[1] - leans[0])) * axis)
 
 
-def _read(
-    image: NDArray[Any], family: TargetFamily, shape: Floats, lean: Floats
-) -> tuple[NDArray[np.int64], Floats]:
-    """Return the bits and facts of `reading.read_ring`."""
+def _read(image: NDArray[Any], family: TargetFamily, shape: Floats, lean: Floats) -> _Seen:
+    """Read the ring under even light."""
     ring = (family.ring_inner_ratio, family.ring_outer_ratio, family.bits)
-    bits, facts = read_ring(image, shape, lean, np.zeros(3), *ring)
-    return bits, facts
+    bits, facts = read_ring(image, shape, lean, np.empty((2, 0)), *ring)
+    return _Seen(shape=shape, bits=bits, facts=facts, against=reading.doubt(facts), lean=lean)
 
 
-def _uneven(
-    image: NDArray[Any], family: TargetFamily, shape: Floats
-) -> tuple[NDArray[np.int64], Floats] | None:
-    """Return bits and facts of a ring that reads without doubt under uneven light."""
-    ring = (family.ring_inner_ratio, family.ring_outer_ratio, family.bits)
-    read = []
-    for light in lights_across(image, shape, *ring):
-        bits, facts = read_ring(image, shape, np.zeros(2), light, *ring)
-        if reading.doubt(facts) == reading.NONE:
-            read.append((bits, facts))
-    # Light that can be told in two ways tells nothing.
-    if not read or any(not np.array_equal(bits, read[0][0]) for bits, _ in read):
+def _uneven(image: NDArray[Any], family: TargetFamily, candidate: Floats) -> _Seen | None:
+    """Read a dot with a ring under light that falls across it; None where that leaves a doubt."""
+    unit = grey_unit(image)
+    shape, ok = outline_uneven(image, candidate, unit)
+    if not ok:
         return None
-    return read[0]
+    ring = np.array([family.ring_inner_ratio, family.ring_outer_ratio])
+    light = np.empty((2, family.bits * reading.SAMPLES))
+    bits, facts, ok = read_uneven(image, shape, candidate[5], unit, ring, family.bits, light)
+    if not ok:
+        return None
+    return _Seen(shape=shape, bits=bits, facts=facts, against=reading.NONE, uneven=True)
 
 
 def _ring_error(facts: Floats) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 
 from omm_core.targets.conic.outline import between, dot_outline, inside, square_root, within_any
 
+FACTS = 9
 SAMPLES = 8
 """Samples of the ring per sector."""
 MAX_GAP = 0.45
@@ -21,6 +22,9 @@ MAX_SECTOR_ERROR = 0.28
 """How far a sector may be off what dot, blur and bits let expect."""
 MAX_PROFILE_RMS = 0.17
 """The same for the root mean square around the ring."""
+MAX_BY_GAP, MAX_BY_BEHIND, MAX_BY_BEHIND_IN_SHADOW = 2.0, 1.5, 1.2
+"""How much brighter than the gap before it and than what is behind it a clear sector may be; than
+the latter less where the dot's side is dark, too."""
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -146,19 +150,21 @@ def read_ring(image, shape, lean, light, inner, outer, bits_count):
     ----------
     shape : (9,) from `outline`.
     lean : (2,) the perspective's share, see `ring_profile`.
-    light : (3,) how light falls around the ring, see `uneven`; zeros where it does not.
+    light : (2, n SAMPLES) what is clear, and the difference of set and clear, around the ring, see
+        `uneven`; (2, 0) where light does not fall.
 
     Returns
     -------
     bits : (n,) 0/1, clockwise from the phase.
-    facts : (8,) phase (rad); margin of the most doubtful sector; largest error of a sector's mean
-        and RMS error of the profile against what the bits let expect; largest deviation in the gap;
-        shares of set samples that are still set before the ring and beyond it; largest value of a
-        sector. NaN phase where the image's border cuts the ring.
+    facts : (FACTS,) phase (rad); margin of the most doubtful sector; largest error of a sector's
+        mean and RMS error of the profile against what the bits let expect; largest deviation in the
+        gap; shares of set samples that are still set before the ring and beyond it; largest value
+        of a sector; by how much more than noise may do a clear sector stands out of its sides.
+        NaN phase where the image's border cuts the ring.
     """
     n = bits_count
     bits = np.zeros(n, dtype=np.int64)
-    facts = np.zeros(8)
+    facts = np.zeros(FACTS)
     count = n * SAMPLES
     a11, a12, a22 = square_root(shape[2], shape[3], shape[4])
     col, row, base, height = shape[0], shape[1], shape[6], shape[5] - shape[6]
@@ -171,15 +177,11 @@ def read_ring(image, shape, lean, light, inner, outer, bits_count):
         if math.isnan(ring[i]):
             facts[0] = math.nan
             return bits, facts
-    heights = np.empty(count)
-    even = light[0] == 0.0 and light[1] == 0.0 and light[2] == 0.0
+    bases, heights = np.full(count, base), np.full(count, height)
+    for i in range(light.shape[1]):
+        bases[i], heights[i] = light[0, i], light[1, i]
     for i in range(count):
-        heights[i] = height
-        if not even:
-            angle = 2.0 * math.pi * (i + 0.5) / count
-            fall = light[0] + light[1] * math.cos(angle) + light[2] * math.sin(angle)
-            heights[i] = height * math.exp(fall)
-        ring[i] = (ring[i] - base) / heights[i]
+        ring[i] = (ring[i] - bases[i]) / heights[i]
     values, phase = read_bits(ring, n)
     bits[:] = 1
     places = np.int64(16)
@@ -215,7 +217,7 @@ def read_ring(image, shape, lean, light, inner, outer, bits_count):
     at[0] = 1.0 + 0.5 * (inner - 1.0)
     gap = ring_profile(image, col, row, a11, a12, a22, lean[0], lean[1], at, count)
     for i in range(count):
-        facts[4] = max(facts[4], abs(gap[i] - base) / heights[2 * i])
+        facts[4] = max(facts[4], abs(gap[i] - bases[2 * i]) / heights[2 * i])
     # Where the dot is saturated, all that is bright looks wider, by up to about s.
     highest = 254.5 if image.itemsize == 1 else 65534.5
     wider = s / math.sqrt(a11 * a22 - a12 * a12) if not 0.5 < shape[5] < highest else 0.0
@@ -229,7 +231,7 @@ def read_ring(image, shape, lean, light, inner, outer, bits_count):
         side = min(place, 1)
         for i in range(count):
             if not math.isnan(seen[i]):
-                rest = (seen[i] - base) / heights[2 * i] - expected[i]
+                rest = (seen[i] - bases[2 * i]) / heights[2 * i] - expected[i]
                 still[side, i] = min(still[side, i], rest)
     for side in range(2):
         on = total = 0.0
@@ -239,11 +241,55 @@ def read_ring(image, shape, lean, light, inner, outer, bits_count):
                 total += 1.0
                 on += still[side, i] > 0.4
         facts[5 + side] = on / total if total > 0.0 else 0.0
+    for i in range(2 * count):
+        ring[i] = bases[i] + heights[i] * ring[i]
+    at[0] = 0.65
+    dot = ring_profile(image, col, row, a11, a12, a22, lean[0], lean[1], at, count)
+    for i in range(count):
+        dot[i] = (dot[i] - gap[i]) / height
+    facts[8] = _shaded(ring, gap, seen, dot, bits, phase, 1 if height > 0.0 else -1)
     return bits, facts
 
 
-NONE, CUT, NO_RING, UNCLEAR, COVERED, FILLED, OTHER_WIDTH = range(7)
-"""What may speak against a ring, in the order in which it is asked."""
+@numba.njit(cache=True, error_model="numpy")
+def _shaded(ring, gap, behind, dot, bits, phase, sign):
+    """How far a clear sector stands out of what is before and behind it, by what noise may do.
+
+    A set sector in the shadow is darker than half, but brighter than the label beside it.
+    """
+    count, n = len(gap), len(bits)
+    steps = 0.0
+    for i in range(count):
+        steps += abs(gap[i] - gap[i - 1]) / count
+    # Noise lets neighbouring samples differ by 1.1 of its standard deviation.
+    allowed = max(4.0 * steps, 2.0)
+    most = 0.0
+    for b in range(n):
+        if bits[b] == 1:
+            continue
+        value = near = far = inside = 0.0
+        taken = 0
+        for k in range(SAMPLES // 4, SAMPLES - SAMPLES // 4):
+            i = int(phase + b * SAMPLES + k + 0.001) % (2 * count)
+            value += ring[i]
+            near += gap[i // 2]
+            far += behind[i // 2]
+            inside += dot[i // 2]
+            taken += 1
+        if math.isnan(far):
+            far = near
+        ratio = MAX_BY_BEHIND_IN_SHADOW if inside < 0.7 * taken else MAX_BY_BEHIND
+        if sign > 0:
+            out = value > MAX_BY_GAP * near and value > ratio * far
+        else:
+            out = near > MAX_BY_GAP * value and far > ratio * value
+        if out:
+            most = max(most, abs(value - near) / taken / allowed)
+    return most
+
+
+NONE, CUT, NO_RING, UNCLEAR, COVERED, FILLED, OTHER_WIDTH, SHADED, NO_DOT = range(9)
+"""What may speak against a ring, in the order in which it is asked; or against its dot."""
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -261,6 +307,8 @@ def doubt(facts):
         return FILLED
     if max(facts[5], facts[6]) > MAX_BESIDE:
         return OTHER_WIDTH
+    if facts[8] > 1.0:
+        return SHADED
     return NONE
 
 
@@ -275,28 +323,33 @@ def read_candidates(image, candidates, inner, outer, bits_count):
 
     Returns
     -------
-    dots : (M,) which of the candidates are dots that can be read. shapes (M, 9), bits (M, n),
-    facts (M, 8), against (M,) : see `outline`, `read_ring` and `doubt`.
+    dots : (M,) which of the candidates lie in no other's ring. shapes (M, 9), bits (M, n),
+    facts (M, FACTS), against (M,) : see `outline`, `read_ring` and `doubt`; of NO_DOT the
+    candidate's ellipse is all there is of the shape.
     """
     n = len(candidates)
     dots = np.empty(n, dtype=np.int64)
-    shapes, facts = np.empty((n, 9)), np.empty((n, 8))
-    bits = np.empty((n, bits_count), dtype=np.int64)
+    shapes, facts = np.zeros((n, 9)), np.zeros((n, FACTS))
+    bits = np.zeros((n, bits_count), dtype=np.int64)
     against = np.empty(n, dtype=np.int64)
     rings = np.empty((n, 5))
     count = good = np.int64(0)
-    straight, even = np.zeros(2), np.zeros(3)
+    straight, even = np.zeros(2), np.empty((2, 0))
     for i in range(n):
         if within_any(rings, good, candidates[i, 0], candidates[i, 1], outer):
             continue
         shape, ok = dot_outline(image, candidates[i])
-        if not ok:
-            continue
         dots[count] = i
+        if not ok:
+            against[count] = NO_DOT
+            for k in range(5):
+                shapes[count, k] = candidates[i, k]
+            count += 1
+            continue
         ring_bits, ring_facts = read_ring(image, shape, straight, even, inner, outer, bits_count)
         for k in range(9):
             shapes[count, k] = shape[k]
-        for k in range(8):
+        for k in range(FACTS):
             facts[count, k] = ring_facts[k]
         for k in range(bits_count):
             bits[count, k] = ring_bits[k]

@@ -116,7 +116,7 @@ def outline(image, col, row, xx, xy, yy, sign):
             # A Gaussian edge of height h is h / (sqrt(2 pi) sigma) steep.
             slope = steepest / (step * length)
             width += abs(v_in - v_out) / (2.5066 * max(slope, 1e-9)) / rays
-        if not _conic(points, rays, p):
+        if not fit_conic(points, rays, p):
             return result, False
         det = p[0] * p[2] - p[1] * p[1]
         if not det > 0.05:
@@ -169,7 +169,7 @@ def dot_outline(image, candidate):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _conic(points, count, conic):
+def fit_conic(points, count, conic):
     """Fill (a, b, c, d, e) of a u² + 2 b u v + c v² + d u + e v = 1, by least squares.
 
     The points lie near the unit circle. Return False where they do not fix the conic.
