@@ -44,7 +44,7 @@ class Actions(Protocol):
     async def work_offset(self, name: str, wanted: OffsetFact | None) -> OffsetFact:
         """Return a work offset as the control has it, after writing it where one is given."""
 
-    async def report(self) -> bytes:
+    async def report(self, language: str) -> bytes:
         """Return the measurement so far as PDF."""
 
 
@@ -237,12 +237,13 @@ class Operation:
         """Begin a report; it is ready when the state says so."""
         report = self.screen.kept.report
         self.screen.kept.report = {"state": "under_way", "number": report["number"]}
-        self._in_the_background(self._reporting(report["number"] + 1))
+        language = str(command.arguments["language"])
+        self._in_the_background(self._reporting(report["number"] + 1, language))
         return say("done.make_report")
 
-    async def _reporting(self, number: int) -> None:
+    async def _reporting(self, number: int, language: str) -> None:
         try:
-            self._report = await self._actions.report()
+            self._report = await self._actions.report(language)
             self.screen.kept.report = {"state": "ready", "number": number}
         except OmmError as error:
             self.screen.kept.report = {"state": "failed", "number": number - 1}

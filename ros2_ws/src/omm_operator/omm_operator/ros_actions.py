@@ -55,7 +55,7 @@ class RosActions:
         response = await _ask(self._offset, offset_request(name, wanted), _BRIDGE)
         return offset_fact(name, response)
 
-    async def report(self) -> bytes:
+    async def report(self, language: str) -> bytes:
         """Return the measurement so far as PDF, made by a process of its own."""
         recording = self._recording()
         if not recording:
@@ -63,7 +63,7 @@ class RosActions:
         with TemporaryDirectory(prefix="omm-report-") as folder:
             out = Path(folder) / "report.pdf"
             process = await asyncio.create_subprocess_exec(
-                sys.executable, "-m", "omm_operator.reporting", recording, str(out),
+                sys.executable, "-m", "omm_operator.reporting", recording, str(out), language,
                 stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE,
             )  # fmt: skip
             try:

@@ -57,7 +57,7 @@ class Cell:
             self.offset = replace(wanted, xyz_mm=(x + self.off_mm, y, z))
         return self.offset
 
-    async def report(self) -> bytes:
+    async def report(self, language: str) -> bytes:
         self._refuse()
         return b"%PDF-"
 

@@ -40,7 +40,7 @@ class Nobody:
     async def work_offset(self, name: str, wanted: OffsetFact | None) -> OffsetFact:
         raise Refused("nobody is there")
 
-    async def report(self) -> bytes:
+    async def report(self, language: str) -> bytes:
         raise Refused("nobody is there")
 
 

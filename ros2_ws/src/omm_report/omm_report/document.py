@@ -30,6 +30,8 @@ FIXED_DATE = datetime(2000, 1, 1, tzinfo=timezone.utc)
 _FAMILY = "DejaVu"
 _HEADING_PT = {1: 18, 2: 13, 3: 11}
 _TEXT_PT = 9.5
+_ALIGN = {"L": "LEFT", "R": "RIGHT", "C": "CENTER"}
+_CAPTION_MM = 12.0
 
 
 class Document:
@@ -78,15 +80,19 @@ class Document:
         *,
         widths: Sequence[float] | None = None,
         heading_row: bool = True,
+        align: str = "",
     ) -> None:
         """Add a table; ``widths`` are the columns' shares of the page's width.
 
-        The first row is repeated on each page where ``heading_row`` is true.
+        The first row is repeated on each page where ``heading_row`` is true. ``align`` holds a
+        letter for each column: L, R or C; without, all are on the left.
         """
         self._pdf.set_font(_FAMILY, "", _TEXT_PT - 1)
         with self._pdf.table(
             col_widths=tuple(widths) if widths is not None else None,
-            text_align="LEFT",
+            text_align=tuple(_ALIGN[letter] for letter in align) if align else "LEFT",
+            line_height=1.35 * self._pdf.font_size,
+            padding=(0.9, 1.5),
             first_row_as_headings=heading_row,
             headings_style=FontFace(emphasis="BOLD"),
             borders_layout="HORIZONTAL_LINES",
@@ -128,9 +134,11 @@ class Document:
     def _picture(self, picture: Image.Image, caption: str, width_mm: float) -> None:
         width_mm = min(width_mm, self._pdf.epw)
         height_mm = width_mm * picture.height / picture.width
-        if height_mm > self._pdf.eph:
-            width_mm, height_mm = width_mm * self._pdf.eph / height_mm, self._pdf.eph
-        if self._pdf.will_page_break(height_mm):
+        below_mm = _CAPTION_MM if caption else 0.0
+        largest_mm = self._pdf.eph - below_mm
+        if height_mm > largest_mm:
+            width_mm, height_mm = width_mm * largest_mm / height_mm, largest_mm
+        if self._pdf.will_page_break(height_mm + below_mm):
             self._pdf.add_page()
         self._pdf.image(picture, w=width_mm, h=height_mm, alt_text=caption or None)
         self._pdf.ln(1)

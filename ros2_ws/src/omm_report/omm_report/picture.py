@@ -40,25 +40,37 @@ class DrawnImage:
     targets: tuple[DrawnTarget, ...]
 
 
-def draw_run(images: Sequence[DrawnImage], residual_scale: float) -> NDArray[np.uint8]:
+def draw_run(
+    images: Sequence[DrawnImage],
+    residual_scale: float,
+    *,
+    columns: int = _COLUMNS,
+    text_scale: float = 0.5,
+    caption: bool = True,
+) -> NDArray[np.uint8]:
     """Draw all images of a run in a grid.
 
     Parameters
     ----------
     residual_scale : how many times a residual is enlarged against the full image
+    columns : images side by side
+    text_scale : size of the letters (0.5: for the screen)
+    caption : whether a line below says how many times residuals are enlarged
 
     Returns
     -------
     (height, width, 3) uint8, blue-green-red
     """
-    tiles = [_tile(image, residual_scale) for image in images]
-    columns = min(_COLUMNS, len(tiles))
+    tiles = [_tile(image, residual_scale, text_scale) for image in images]
+    columns = min(columns, len(tiles))
     blank = np.zeros_like(tiles[0])
     tiles += [blank] * (-len(tiles) % columns)
     rows = [np.hstack(tiles[i : i + columns]) for i in range(0, len(tiles), columns)]
-    caption = np.zeros((_CAPTION_PX, rows[0].shape[1], 3), dtype=np.uint8)
-    _write(caption, f"residuals (yellow) enlarged {residual_scale:.0f} times", (8, 20))
-    return np.vstack([*rows, caption])
+    if not caption:
+        return np.vstack(rows)
+    line = np.zeros((_CAPTION_PX, rows[0].shape[1], 3), dtype=np.uint8)
+    _write(line, f"residuals (yellow) enlarged {residual_scale:.0f} times", (8, 20))
+    return np.vstack([*rows, line])
 
 
 def save_picture(path: Path, picture: NDArray[np.uint8]) -> None:
@@ -67,24 +79,25 @@ def save_picture(path: Path, picture: NDArray[np.uint8]) -> None:
     write_whole(path, data.tobytes())
 
 
-def _tile(image: DrawnImage, residual_scale: float) -> NDArray[np.uint8]:
+def _tile(image: DrawnImage, residual_scale: float, text_scale: float) -> NDArray[np.uint8]:
     gray = _to_8_bit(image.pixels)
     scale = min(_TILE_PX[0] / gray.shape[1], _TILE_PX[1] / gray.shape[0])
     small = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    tile = np.zeros((_TILE_PX[1] + _CAPTION_PX, _TILE_PX[0], 3), dtype=np.uint8)
+    title_px = round(2 * _CAPTION_PX * text_scale)
+    tile = np.zeros((_TILE_PX[1] + title_px, _TILE_PX[0], 3), dtype=np.uint8)
     tile[: small.shape[0], : small.shape[1]] = small[:, :, None]
     for target in image.targets:
         center = np.array(target.center_px)
         color = _FOUND if target.used else _REFUSED
         at = _point(center * scale)
         cv2.circle(tile, at, 14, color, 1, cv2.LINE_AA)
-        _write(tile, str(target.target_id), (at[0] + 16, at[1] - 8), color)
+        _write(tile, str(target.target_id), (at[0] + 16, at[1] - 8), color, text_scale)
         tip = (center + np.array(target.residual_px) * residual_scale) * scale
         cv2.line(tile, at, _point(tip), _RESIDUAL, 1, cv2.LINE_AA)
     if image.targets:
         _loupe(tile, gray, image.targets[0], scale)
     color = _TEXT if image.used else _REFUSED
-    _write(tile, image.title, (8, _TILE_PX[1] + 20), color)
+    _write(tile, image.title, (8, _TILE_PX[1] + round(40 * text_scale)), color, text_scale)
     return tile
 
 
@@ -123,5 +136,7 @@ def _write(
     text: str,
     at: tuple[int, int],
     color: tuple[int, int, int] = _TEXT,
+    scale: float = 0.5,
 ) -> None:
-    cv2.putText(canvas, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.5, color, 1, cv2.LINE_AA)
+    thickness = max(1, round(1.5 * scale))
+    cv2.putText(canvas, text, at, cv2.FONT_HERSHEY_SIMPLEX, scale, color, thickness, cv2.LINE_AA)

@@ -4,6 +4,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omm_report.picture import DrawnImage, DrawnTarget, draw_run, save_picture
 from omm_runs.solving import SolvedRun
@@ -13,12 +14,37 @@ _LONGEST_RESIDUAL_PX = 150.0
 
 def save_run_picture(solved: SolvedRun, path: Path) -> Path:
     """Draw all images with targets, numbers and enlarged residuals; returns the path."""
+    drawn, scale = _drawn(solved, "image {n}", reasons=True)
+    save_picture(path, draw_run(drawn, scale))
+    return path
+
+
+def run_picture(
+    solved: SolvedRun, title: str, *, columns: int
+) -> tuple[NDArray[np.uint8], float] | None:
+    """Return all images for print, and how many times residuals are enlarged.
+
+    Parameters
+    ----------
+    title : str
+        Below each image; ``{n}`` stands for its number. Letters of ASCII only.
+    columns : int
+        Images side by side.
+    """
+    drawn, scale = _drawn(solved, title, reasons=False)
+    if not drawn:
+        return None
+    return draw_run(drawn, scale, columns=columns, text_scale=1.0, caption=False), scale
+
+
+def _drawn(solved: SolvedRun, title: str, *, reasons: bool) -> tuple[list[DrawnImage], float]:
+    """Return the images to draw, and how many times residuals are enlarged."""
     outcomes = {image.stamp_ns: image for image in solved.result.images}
     drawn = []
     for number, (stamp_ns, pixels) in enumerate(solved.images(), start=1):
         outcome = outcomes.get(stamp_ns)
         used = outcome is not None and outcome.used
-        reason = "" if used or outcome is None else f": {outcome.reason}"
+        reason = "" if used or outcome is None or not reasons else f": {outcome.reason}"
         targets = tuple(
             DrawnTarget(
                 target_id=o.target_id,
@@ -29,11 +55,8 @@ def save_run_picture(solved: SolvedRun, path: Path) -> Path:
             for o in solved.result.observations
             if o.stamp_ns == stamp_ns
         )
-        drawn.append(
-            DrawnImage(pixels=pixels, title=f"image {number}{reason}", used=used, targets=targets)
-        )
+        named = title.replace("{n}", str(number)) + reason
+        drawn.append(DrawnImage(pixels=pixels, title=named, used=used, targets=targets))
     residuals = [math.hypot(*target.residual_px) for image in drawn for target in image.targets]
     longest = max(residuals, default=0.0)
-    scale = _LONGEST_RESIDUAL_PX / longest if longest > 0 else 1.0
-    save_picture(path, draw_run(drawn, scale))
-    return path
+    return drawn, _LONGEST_RESIDUAL_PX / longest if longest > 0 else 1.0

@@ -1,5 +1,5 @@
 import { h } from "/file/dom.js";
-import { age, clock, fixed, t, tell } from "/file/language.js";
+import { age, clock, fixed, language, t, tell } from "/file/language.js";
 import { bar, list, press, state as stateMark } from "/file/parts.js";
 import { source } from "/file/status.js";
 
@@ -17,7 +17,7 @@ export function result(state) {
       r.holds ? h("p", { class: "small" }, t("result.fit", { rms: fixed(r.rms_px, 4), sigma: fixed(r.sigma0, 3), dof: r.degrees_of_freedom, model: r.model })) : null,
       shares(r),
       history(r.history),
-      h("div", { class: "row" }, press(state, "make_report"), report(state.report))),
+      h("div", { class: "row" }, press(state, "make_report", { language }), report(state.report))),
   ];
 }
 

@@ -15,6 +15,7 @@ from typing import Any
 from omm_core.alignment.jacks import MODES
 from omm_core.errors import InputError
 from omm_operator.screen.correcting import typed_jacks
+from omm_report.language import LANGUAGES
 
 LARGEST_BODY = 4096
 _KEY = re.compile(r"[A-Za-z0-9-]{8,64}")
@@ -85,6 +86,13 @@ def _jacks(arguments: dict[str, Any]) -> dict[str, Any]:
     }
 
 
+def _make_report(arguments: dict[str, Any]) -> dict[str, Any]:
+    language = arguments.get("language", "en")
+    if not set(arguments) <= {"language"} or language not in LANGUAGES:
+        raise InputError(f"Expected a language out of {', '.join(LANGUAGES)}.")
+    return {"language": language}
+
+
 _CHECKS = {
     "start_program": _none,
     "new_clamping": _none,
@@ -92,7 +100,7 @@ _CHECKS = {
     "set_jacks": _jacks,
     "hand_over": _none,
     "read_offset": _none,
-    "make_report": _none,
+    "make_report": _make_report,
     "acknowledge": _acknowledge,
 }
 COMMANDS = tuple(_CHECKS)
