@@ -127,12 +127,17 @@ def make_plan(scene: Scene, machine: Machine, wish: Wish, *, told: tuple[str, ..
     MeasurementError
         Where no target can be seen from anywhere.
     """
-    planned_play = scene.play_mm
+    planned_play, found = scene.play_mm, None
     for play_mm, farthest_mm in _ROOM_MM:
-        scene = replace(scene, play_mm=min(play_mm, planned_play), farthest_mm=farthest_mm)
-        candidates, unseen, pool, chosen = _searched(scene, wish)
-        if not unseen:
+        closer = replace(scene, play_mm=min(play_mm, planned_play), farthest_mm=farthest_mm)
+        searched = _searched(closer, wish)
+        # Less room is worth it only where it shows more targets.
+        if found is None or len(searched[1]) < len(found[1][1]):
+            found = (closer, searched)
+        if not found[1][1]:
             break
+    assert found is not None  # there is room to be tried
+    scene, (candidates, unseen, pool, chosen) = found
     if scene.play_mm < planned_play:
         told = (*told, f"Where a target lies more than {scene.play_mm:g} mm from where it is"
                 " thought to be, it may be out of view or out of focus.")  # fmt: skip
@@ -177,7 +182,7 @@ def _choose(scene: Scene, candidates: Candidates, wish: Wish) -> tuple[Pool | No
         chosen = exchange(pool, add_best(pool, chosen), passes=2)
         helps = pool.shortfall(chosen) < (1.0 - _NO_GAIN) * pool.shortfall(best)
         best, wait = (chosen, 0) if helps else (best, wait + 1)
-    return pool, best if wish.least_time else _settled(pool, best, wish)
+    return pool, _settled(pool, best, wish)
 
 
 def _settled(pool: Pool, chosen: Indices, wish: Wish) -> Indices:

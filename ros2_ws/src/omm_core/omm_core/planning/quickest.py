@@ -2,7 +2,8 @@
 
 The fewest images are not the quickest: what the wish leaves of U is spent on stops that lie nearer
 to each other, in the order in which they are gone to. A set changes only where that shortens the
-way, keeps each target seen as often as it was, and keeps the wish.
+way, keeps each target seen as often as it was, and keeps the wish; and no stop is exchanged for one
+that loses its targets sooner where the part lies elsewhere (up to ``_MARGIN_MM``).
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ _PASSES = 12
 _MOST_TRIED = 256  # of the quickest places for one stop
 _BATCH = 32
 _WORTH_S = 1e-3
+_MARGIN_MM = 30.0
 _STARTS = 2  # the fewest images, and one more
 
 
@@ -100,6 +102,8 @@ def _without_spare(pool: Pool, order: Indices) -> Indices:
 def _nearer(way: _Way, pool: Pool, order: Indices, position: int) -> Indices:
     """Return the order with one stop where the way is shortest and the wish still reached."""
     allowed = allowed_instead(pool, np.delete(order, position), int(order[position]), most=None)
+    margin = np.minimum(pool.margin_mm, _MARGIN_MM)
+    allowed = allowed[margin[allowed] >= margin[order[position]]]
     beside = [order[p] for p in (position - 1, position + 1) if 0 <= p < len(order)]
     added = np.sum([way.to(int(b), allowed) for b in beside], axis=0)
     present = float(added[allowed == order[position]][0])

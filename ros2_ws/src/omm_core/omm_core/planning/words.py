@@ -37,7 +37,7 @@ def findings_of(
     """Return all findings of a plan; the reason why it does not reach the wish comes first."""
     words: list[str] = []
     if not plan.reached:
-        words += _what_is_missing(plan, pool, chosen)
+        words += _what_is_missing(plan, pool, chosen, unseen)
     words += [f"Target {target} cannot be seen: {why}." for target, why in unseen.items()]
     if once:
         words.append(f"Seen once only, from one place: {_list(once)}. A bump there goes unnoticed.")
@@ -53,18 +53,24 @@ def findings_of(
     return tuple(words)
 
 
-def _what_is_missing(plan: Plan, pool: Pool, chosen: Indices) -> list[str]:
+def _what_is_missing(
+    plan: Plan, pool: Pool, chosen: Indices, unseen: Mapping[int, str]
+) -> list[str]:
     if not determines(pool.designs, chosen):
         return [
             "The pose is not determined: three targets that do not lie on a line are needed, seen"
-            f" can be {len(plan.bumps_mm)} of {len(plan.scene.part.targets)}. Put more on the part."
+            f" can be {len(plan.bumps_mm)} of {len(plan.scene.part.targets)}"
+            + "".join(
+                f"; {words}" for words in sorted({f"of others {why}" for why in unseen.values()})
+            )
+            + ". Put more where the camera can look at them."
         ]
     words = []
     score = pool.score(chosen)
     if plan.wish.of_pose and score > 1.0:
         words.append(
             f"The wanted U is not reached: the best plan, {len(plan.stops)} images, is"
-            f" {score:.2f} times as large. {_what_helps(pool, chosen)}"
+            f" {score:.3g} times as large. {_what_helps(pool, chosen)}"
         )
     if plan.wish.bump_mm is not None:
         bad = {t: mm for t, mm in plan.bumps_mm.items() if not mm <= plan.wish.bump_mm}
@@ -83,7 +89,7 @@ def _what_helps(pool: Pool, chosen: Indices) -> str:
     best = min(scores, key=lambda source: scores[source])
     enough = "would reach it" if scores[best] <= 1.0 else "would not be enough alone"
     return (
-        f"{_HELP[best]} {enough}: without their share U would be {scores[best]:.2f} times"
+        f"{_HELP[best]} {enough}: without their share U would be {scores[best]:.3g} times"
         " what is wanted."
     )
 
