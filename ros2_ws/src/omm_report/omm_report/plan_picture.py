@@ -46,7 +46,9 @@ def save_plan_picture(plan: Plan, path: Path) -> None:
     write_whole(path, buffer.getvalue())
 
 
-def together(places: Array, words: Sequence[str], near: float) -> list[tuple[Array, str]]:
+def together(
+    places: Array, words: Sequence[str], near: float
+) -> list[tuple[tuple[float, float], str]]:
     """Return labels for places (N, 2); those that lie nearer than ``near`` share one."""
     labels: list[tuple[Array, list[str]]] = []
     for place, word in zip(places, words):
@@ -55,7 +57,7 @@ def together(places: Array, words: Sequence[str], near: float) -> list[tuple[Arr
             labels.append((place, [word]))
         else:
             at.append(word)
-    return [(place, ", ".join(said)) for place, said in labels]
+    return [((float(at[0]), float(at[1])), ", ".join(said)) for at, said in labels]
 
 
 def _view(axes: Axes, plan: Plan, across: int, up: int) -> None:
