@@ -9,6 +9,8 @@ import re
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from omm_core.alignment import angles
 from omm_core.alignment.controls import CONTROLS
@@ -180,3 +182,37 @@ def test_assumed_box_is_said_and_comments_are_ascii(control: str) -> None:
     assert "CONFIRM" in text
     assert text.isascii()
     assert not any(line.startswith("M3 ") for line in text.splitlines())
+
+
+_QUARTER = math.pi / 2.0
+_ANGLE = st.floats(-math.pi, math.pi) | st.sampled_from(
+    [0.0, _QUARTER, -_QUARTER, _QUARTER - 1e-9, math.pi, -math.pi, 1e-7]
+)
+
+
+@given(st.tuples(_ANGLE, _ANGLE, _ANGLE), st.tuples(*[st.floats(-20_000.0, 20_000.0)] * 3))
+@settings(max_examples=40, deadline=None)
+def test_every_pose_is_said_or_refused_and_the_told_error_holds(
+    euler: tuple[float, float, float], xyz: tuple[float, float, float]
+) -> None:
+    """Half turns and gimbal lock included; G54.4's numbers in Fanuc's comment as well."""
+    pose = RigidTransform.from_euler_xyz_rad(*euler, xyz)
+    box = Box(
+        low_mm=np.array([-5e3, -1.5e3, 0.0]), high_mm=np.array([5e3, 1.5e3, 2.5e3]), source=""
+    )
+    for control in ("siemens", "heidenhain", "fanuc", "fagor"):
+        try:
+            made = hand_over(pose, control, box=box, remaining_mm=1.0)
+        except MeasurementError:
+            assert control == "siemens"
+            assert abs(math.degrees(math.asin(np.clip(-pose.rotation[2, 0], -1, 1)))) > 89.99
+            continue
+        misses = [_where(control, made.text, p) - pose @ p for p in box.corners_mm()]
+        assert np.linalg.norm(misses, axis=1).max() == pytest.approx(made.error_mm, abs=1e-6)
+        if control == "fanuc":
+            numbers = [float(v) for v in re.findall(r"#2601\d=(-?[\d.]+)", made.text)]
+            for point in box.corners_mm():
+                turned = point
+                for axis, at in ((2, 5), (1, 4), (0, 3)):
+                    turned = _turned(turned, axis, numbers[at])
+                assert np.linalg.norm(turned + numbers[:3] - pose @ point) < 0.01

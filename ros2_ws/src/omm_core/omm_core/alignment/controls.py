@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from omm_core.alignment import angles
 from omm_core.errors import InputError, MeasurementError
 from omm_core.geometry import RigidTransform, rotation_from_euler_xyz_rad
+from omm_core.words import keyed
 
 Array = NDArray[np.float64]
 
@@ -66,8 +67,12 @@ def siemens(pose: RigidTransform, place_mm: Array, name: str, number: int) -> Wo
     turn = tuple(round(angle, 8) for angle in angles.rpy_deg(pose.rotation))
     if abs(turn[1]) > 89.999:
         raise MeasurementError(
-            f"Expected a turn about Y of less than 90 degrees, got {turn[1]:.6f}: CROT cannot"
-            " say it without doubt. Turn the part, or the frame it is described in."
+            keyed(
+                "said.crot",
+                "Expected a turn about Y of less than 90 degrees, got {angle}: CROT cannot say it"
+                " without doubt. Turn the part, or the frame it is described in.",
+                angle=f"{turn[1]:.6f}",
+            )
         )
     xyz = np.round(pose.translation_mm, 6)
     x, y, z = (_text(value, 6) for value in xyz)
