@@ -7,7 +7,8 @@ import pytest
 
 from omm_core.budget.probing import check_probing
 from omm_core.errors import InputError
-from omm_core.files.probed import ProbedPoint, load_probed, probed_csv, with_log
+from omm_core.files.probe_log import with_log
+from omm_core.files.probed import ProbedPoint, load_probed, probed_csv
 from omm_core.geometry import RigidTransform
 
 THETA = np.array([0.002, -0.3, 0.5, 100.0, 200.0, 50.0])

@@ -2,11 +2,14 @@
 
 import argparse
 import json
+import re
 from pathlib import Path
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
+    # Negative numbers are no options, exponents included.
+    parser._negative_number_matcher = re.compile(r"^-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
     parser.add_argument("run", metavar="RUN", type=Path, help="the measurement: its pose counts")
     parser.add_argument(
         "points",
@@ -22,8 +25,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--budget", metavar="FILE", type=Path, help="what else makes the points uncertain"
     )
     parser.add_argument(
-        "--log", metavar="FILE", type=Path, help="LinuxCNC's probe log, in the order of the points"
+        "--log", metavar="FILE", type=Path, help="where the probe was, as the control wrote it"
     )
+    parser.add_argument(
+        "--log-offset", metavar=("X", "Y", "Z"), type=float, nargs=3, default=(0.0, 0.0, 0.0),
+        help="mm, added to the log's positions: spindle to tip, or a work offset",
+    )  # fmt: skip
     parser.add_argument(
         "--simulate",
         metavar="CSV",
@@ -39,7 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Compare, print, write what was asked for."""
     from omm_core.errors import InputError
     from omm_core.files.output import write_whole
-    from omm_core.files.probed import load_probed, probed_csv, with_log
+    from omm_core.files.probe_log import with_log
+    from omm_core.files.probed import load_probed, probed_csv
     from omm_recording.run_files import find_run
     from omm_report.probing_text import probing_dict, probing_lines
     from omm_runs.probing import check_run
@@ -50,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     nowhere = arguments.log is not None or arguments.simulate is not None
     points = load_probed(arguments.points, probed=not nowhere)
     if arguments.log is not None:
-        points = with_log(points, arguments.log)
+        points = with_log(points, arguments.log, arguments.log_offset)
     if arguments.simulate is not None:
         from omm_simulation.probe import cell_of, touch
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +19,6 @@ Array = NDArray[np.float64]
 _PART = ("part_x_mm", "part_y_mm", "part_z_mm")
 _MACHINE = ("x_mm", "y_mm", "z_mm")
 _SIGMA = "sigma_mm"
-# LinuxCNC writes the position of all nine axes.
-_LOG_NUMBERS = 9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,35 +71,6 @@ def load_probed(path: Path, *, probed: bool = True) -> tuple[ProbedPoint, ...]:
         _point(row, f"{path}, line {number}", machine=machine and probed)
         for number, row in enumerate(rows, start=2)
     )
-
-
-def with_log(points: tuple[ProbedPoint, ...], path: Path) -> tuple[ProbedPoint, ...]:
-    """Return points with what a control's log says: LinuxCNC's ``(PROBEOPEN file)``.
-
-    A line is one touch, in the order of the points: X Y Z and the six other axes. The log is in
-    the units of the program: mm (G21) are expected.
-
-    Raises
-    ------
-    InputError
-        Where the log has another number of touches, or a line that is none.
-    """
-    lines = [line for line in read_text(path, "probe log").splitlines() if line.strip()]
-    if len(lines) != len(points):
-        raise InputError(
-            f"{path}: expected a line for each of the {len(points)} points, got {len(lines)}."
-        )
-    found = []
-    for number, (line, point) in enumerate(zip(lines, points), start=1):
-        words = line.split()
-        if len(words) != _LOG_NUMBERS:
-            raise InputError(
-                f"{path}, line {number}: expected {_LOG_NUMBERS} numbers (X Y Z A B C U V W), got"
-                f" {len(words)}."
-            )
-        place = [_number(word, f"{path}, line {number}", "a position") for word in words[:3]]
-        found.append(replace(point, machine_mm=np.array(place)))
-    return tuple(found)
 
 
 def probed_csv(points: tuple[ProbedPoint, ...]) -> str:
