@@ -8,11 +8,13 @@ see, and the estimator gets the part and the camera as their files have them.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.errors import InputError
+from omm_core.files.declared import number, truth, values
 from omm_core.files.part import Part
 from omm_core.geometry import RigidTransform
 from omm_core.imaging.calibration import CameraCalibration
@@ -24,7 +26,7 @@ from omm_core.machine_errors import (
 )
 
 Floats = NDArray[np.float64]
-Vector = tuple[float, float, float]
+Vector = Annotated[tuple[float, float, float], values(3)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,17 +55,17 @@ class MachineErrors:
         Whether targets and camera are off their files by what these declare.
     """
 
-    stop_sigma_mm: float = 0.0
-    geometry_sigma_mm: float = 0.0
-    geometry_length_mm: float = 1000.0
+    stop_sigma_mm: Annotated[float, number()] = 0.0
+    geometry_sigma_mm: Annotated[float, number()] = 0.0
+    geometry_length_mm: Annotated[float, number()] = 1000.0
     lost_motion_mm: Vector = (0.0, 0.0, 0.0)
     spindle_drift_mm: Vector = (0.0, 0.0, 0.0)
-    spindle_drift_s: float = 1800.0
+    spindle_drift_s: Annotated[float, number()] = 1800.0
     holder_sigma_mm: Vector = (0.0, 0.0, 0.0)
-    part_warmth_K: float = 0.0
-    part_expansion_per_K: float = 11e-6
-    targets_err: bool = False
-    calibration_errs: bool = False
+    part_warmth_K: Annotated[float, number()] = 0.0
+    part_expansion_per_K: Annotated[float, number()] = 11e-6
+    targets_err: Annotated[bool, truth()] = False
+    calibration_errs: Annotated[bool, truth()] = False
 
     def __post_init__(self) -> None:
         sizes = (

@@ -6,21 +6,29 @@ cell from it. It is a folder with `scenario.yaml`, and the `part.yaml` and `came
 names: these two, and nothing else of it, are what the estimator gets.
 """
 
-import dataclasses
-import typing
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated
 
 from omm_core.errors import InputError
+from omm_core.files.declared import (
+    Reader,
+    file,
+    integer,
+    number,
+    part_of,
+    read_section,
+    text,
+    values,
+)
 from omm_core.files.part import Part, load_part
 from omm_core.files.yaml_input import YamlSection, read_yaml
 from omm_core.imaging.calibration import CameraCalibration, load_calibration
 from omm_simulation.machine_errors import MachineErrors
 
-Vector = tuple[float, float, float]
-_T = TypeVar("_T")
+Number = Annotated[float, number()]
+Vector = Annotated[tuple[float, float, float], values(3)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,11 +45,17 @@ class PartPlacement:
 class Axis:
     """A linear axis and its limits (mm, s)."""
 
-    minimum_mm: float
-    maximum_mm: float
-    velocity_mm_per_s: float
-    acceleration_mm_per_s2: float
-    jerk_mm_per_s3: float
+    minimum_mm: Number
+    maximum_mm: Number
+    velocity_mm_per_s: Number
+    acceleration_mm_per_s2: Number
+    jerk_mm_per_s3: Number
+
+
+def _axes(section: YamlSection, key: str) -> dict[str, Axis]:
+    axes = section.section(key)
+    axes.refuse_unknown("X", "Y", "Z")
+    return {axis: read_section(Axis, axes.section(axis)) for axis in ("X", "Y", "Z")}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,13 +78,13 @@ class Machine:
         Step of the axis positions that the control reports; 0 means none.
     """
 
-    axes: Mapping[str, Axis]
+    axes: Annotated[Mapping[str, Axis], Reader(_axes)]
     home_mm: Vector
     spindle_euler_xyz_rad: Vector = (0.0, 0.0, 0.0)
-    servo_lag_s: float = 0.02
-    structure_frequency_hz: float = 25.0
-    structure_damping: float = 0.1
-    position_resolution_mm: float = 0.0001
+    servo_lag_s: Number = 0.02
+    structure_frequency_hz: Number = 25.0
+    structure_damping: Number = 0.1
+    position_resolution_mm: Number = 0.0001
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,15 +114,15 @@ class MeasuringProgram:
         How long the program waits for the image before it goes on without.
     """
 
-    distance_mm: float
-    stereo_base_mm: float
-    offset_mm: tuple[float, float]
-    inward_mm: float = 0.0
-    spread_mm: float = 0.0
-    retract_mm: float = 0.0
-    dwell_s: float = 0.3
-    rest_after_s: float = 0.1
-    acknowledge_timeout_s: float = 5.0
+    distance_mm: Number
+    stereo_base_mm: Number
+    offset_mm: Annotated[tuple[float, float], values(2)]
+    inward_mm: Number = 0.0
+    spread_mm: Number = 0.0
+    retract_mm: Number = 0.0
+    dwell_s: Number = 0.3
+    rest_after_s: Number = 0.1
+    acknowledge_timeout_s: Number = 5.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,18 +156,18 @@ class Imaging:
         Standard deviation of the noise without light.
     """
 
-    exposure_s: float = 0.008
-    target_dn: float = 195.0
-    backing_dn: float = 5.0
-    background_dn: float = 22.0
-    black_dn: float = 4.0
-    background_contrast: float = 0.35
-    reflections: int = 3
-    blur_sigma_px: float = 0.8
-    vignetting: float = 4.0
-    ring_light_radius_mm: float = 35.0
-    electrons_per_dn: float = 27.0
-    read_noise_dn: float = 1.2
+    exposure_s: Number = 0.008
+    target_dn: Number = 195.0
+    backing_dn: Number = 5.0
+    background_dn: Number = 22.0
+    black_dn: Number = 4.0
+    background_contrast: Number = 0.35
+    reflections: Annotated[int, integer()] = 3
+    blur_sigma_px: Number = 0.8
+    vignetting: Number = 4.0
+    ring_light_radius_mm: Number = 35.0
+    electrons_per_dn: Number = 27.0
+    read_noise_dn: Number = 1.2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -172,18 +186,18 @@ class Scenario:
         What is not as the files and the control say; none where the scenario has no such section.
     """
 
-    name: str
-    description: str
-    part_file: Path
-    calibration_file: Path
+    name: Annotated[str, text()]
+    description: Annotated[str, text()]
+    part_file: Annotated[Path, file()]
+    calibration_file: Annotated[Path, file()]
     part: Part
     calibration: CameraCalibration
-    placement: PartPlacement
-    backlash_rad: float
-    machine: Machine
-    program: MeasuringProgram
-    imaging: Imaging
-    errors: MachineErrors = field(default_factory=MachineErrors)
+    placement: Annotated[PartPlacement, part_of(PartPlacement)]
+    backlash_rad: Number
+    machine: Annotated[Machine, part_of(Machine)]
+    program: Annotated[MeasuringProgram, part_of(MeasuringProgram)]
+    imaging: Annotated[Imaging, part_of(Imaging)]
+    errors: Annotated[MachineErrors, part_of(MachineErrors)] = field(default_factory=MachineErrors)
 
 
 def scenario_folder() -> Path:
@@ -214,36 +228,13 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
     InputError
         There is no such scenario, or one of its files is malformed.
     """
-    path = _find(name_or_path)
-    root = read_yaml(path, "scenario file")
-    root.refuse_unknown(*_KEYS, *_SECTIONS)
-    part_file = path.parent / root.text("part_file")
-    calibration_file = path.parent / root.text("calibration_file")
-    sections = {
-        name: _read(cls, root.section(name))
-        for name, cls in _SECTIONS.items()
-        if name != "errors" or name in root
-    }
-    return Scenario(
-        name=root.text("name"),
-        description=root.text("description"),
-        part_file=part_file,
-        calibration_file=calibration_file,
-        part=load_part(part_file),
-        calibration=load_calibration(calibration_file),
-        backlash_rad=root.number("backlash_rad"),
-        **sections,
+    root = read_yaml(_find(name_or_path), "scenario file")
+    return read_section(
+        Scenario,
+        root,
+        part=load_part(root.folder / root.text("part_file")),
+        calibration=load_calibration(root.folder / root.text("calibration_file")),
     )
-
-
-_KEYS = ("name", "description", "part_file", "calibration_file", "backlash_rad")
-_SECTIONS: dict[str, Any] = {
-    "placement": PartPlacement,
-    "machine": Machine,
-    "program": MeasuringProgram,
-    "imaging": Imaging,
-    "errors": MachineErrors,
-}
 
 
 def _find(name_or_path: str | Path) -> Path:
@@ -255,42 +246,3 @@ def _find(name_or_path: str | Path) -> Path:
         f"Expected a scenario ({', '.join(scenario_names())}), a scenario's folder or its file, "
         f"got '{name_or_path}', which is none of them."
     )
-
-
-def _read(cls: type[_T], section: YamlSection) -> _T:
-    """Make one of the dataclasses above from the section that describes it."""
-    fields = {f.name: f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
-    unknown = sorted(str(key) for key in section.values if key not in fields)
-    if unknown:
-        raise InputError(
-            f"{section.where}: expected only {', '.join(fields)}, got {', '.join(unknown)}."
-        )
-    hints = typing.get_type_hints(cls)
-    return cls(
-        **{
-            name: _value(hints[name], section, name)
-            for name, f in fields.items()
-            if name in section or f.default is dataclasses.MISSING
-        }
-    )
-
-
-def _value(hint: Any, section: YamlSection, name: str) -> Any:
-    if hint is float:
-        return section.number(name)
-    if hint is bool:
-        return _truth_value(section, name)
-    if hint is int:
-        return section.integer(name)
-    if typing.get_origin(hint) is tuple:
-        count = len(typing.get_args(hint))
-        return tuple(float(number) for number in section.numbers(name, count))
-    axes = section.section(name)
-    return {axis: _read(Axis, axes.section(axis)) for axis in ("X", "Y", "Z")}
-
-
-def _truth_value(section: YamlSection, name: str) -> bool:
-    value = section.get(name)
-    if not isinstance(value, bool):
-        raise InputError(f"{section.where}: expected '{name}' true or false, got {value!r}.")
-    return value

@@ -14,6 +14,7 @@ from typing import Any
 
 from omm_cnc_bridge.control import Mode, ProgramState
 from omm_core.errors import InputError
+from omm_core.files.declared import expect_once
 from omm_core.files.yaml_input import YamlSection, read_yaml
 
 TWICE = ("PosDirect", "PosIndirect")
@@ -77,10 +78,10 @@ def load_mapping(path: Path) -> Mapping40502:
         Where the file is not there or says something unknown.
     """
     root = read_yaml(path, "mapping")
-    known = {"axes", "channel", "modes", "program_states", "acknowledge", "offsets"}
-    if not root.values.get("axes") or set(root.values) - known:
-        raise InputError(f"{path}: expected axes and optionally {', '.join(sorted(known))}.")
+    root.refuse_unknown("axes", "channel", "modes", "program_states", "acknowledge", "offsets")
     axes = root.section("axes")
+    if not axes.values:
+        raise InputError(f"{axes.where}: expected an axis at least, got none.")
     given: dict[str, Any] = {}
     if "channel" in root:
         given["channel"] = _paths(root.section("channel"), CHANNEL_ITEMS)
@@ -98,8 +99,7 @@ def load_mapping(path: Path) -> Mapping40502:
 
 
 def _paths(section: YamlSection, items: tuple[str, ...]) -> dict[str, str]:
-    if set(section.values) - set(items):
-        raise InputError(f"{section.where}: expected some of {', '.join(items)}.")
+    section.refuse_unknown(*items)
     return {item: section.text(item) for item in items if item in section}
 
 
@@ -116,9 +116,7 @@ def _words(section: YamlSection, words: type[Enum]) -> dict[int, str]:
 
 
 def _axis(entry: YamlSection) -> AxisItems:
-    options = ("unit", "in_position")
-    if set(entry.values) - {*AXIS_ITEMS, *options}:
-        raise InputError(f"{entry.where}: expected some of {', '.join((*AXIS_ITEMS, *options))}.")
+    entry.refuse_unknown(*AXIS_ITEMS, "unit", "in_position")
     if "position" not in entry:
         raise InputError(f"{entry.where}: expected the path of its position.")
     unit = entry.text("unit") if "unit" in entry else None
@@ -134,16 +132,12 @@ def _axis(entry: YamlSection) -> AxisItems:
 def _offsets(section: YamlSection) -> dict[str, OffsetNodes]:
     found = {str(name): _offset(section.section(name)) for name in section.values}
     nodes = [path for offset in found.values() for path in offset.paths.values()]
-    if len(set(nodes)) != len(nodes):
-        raise InputError(f"{section.where}: expected each node once, got one of them twice.")
+    expect_once(nodes, section.where, "node")
     return found
 
 
 def _offset(section: YamlSection) -> OffsetNodes:
-    options = ("unit", "angle_unit", "angles")
-    known = ", ".join((*OFFSET_ITEMS, *options))
-    if set(section.values) - {*OFFSET_ITEMS, *options}:
-        raise InputError(f"{section.where}: expected some of {known}.")
+    section.refuse_unknown(*OFFSET_ITEMS, "unit", "angle_unit", "angles")
     paths = {item: section.text(item) for item in OFFSET_ITEMS if item in section}
     if missing := [item for item in OFFSET_ITEMS[:3] if item not in paths]:
         raise InputError(f"{section.where}: expected nodes for {', '.join(missing)}, too.")
