@@ -43,6 +43,11 @@ class OpcUaTestServer:
         """Of PosDirect alone; None takes ``quality``."""
         self.more: dict[str, dict[str, object]] = {}
         """Further axes: the values of their variables, without a unit; None is BadNoData."""
+        self.corrected: dict[str, object] = {
+            "X": 0.0, "Y": 0.0, "Z": 0.0, "Status": 0, "Valid": False, "Whole": 0
+        }  # fmt: skip
+        """What a bridge has written of the next stop's correction."""
+        self.corrections: list[dict[str, object]] = []
         self.status = 0
         self.quality = ua.StatusCodes.Good
         self.request = 0
@@ -128,6 +133,10 @@ class OpcUaTestServer:
         answer = await vendor.add_variable(ns, "ImageTaken", 0)
         await answer.set_writable()
         self._nodes["", "answer"] = answer
+        for name, value in self.corrected.items():
+            node = await vendor.add_variable(ns, f"Stop{name}", value)
+            await node.set_writable()
+            self._nodes["", name] = node
 
     async def _write(self) -> None:
         if self.hang:
@@ -153,3 +162,7 @@ class OpcUaTestServer:
             )
         await self._nodes["", "request"].write_value(ua.Variant(self.request, ua.VariantType.Int64))
         self.acknowledged = await self._nodes["", "answer"].read_value()
+        seen = {name: await self._nodes["", name].read_value() for name in self.corrected}
+        if seen != self.corrected:
+            self.corrections.append(seen)
+        self.corrected = seen

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from omm_cnc_bridge.control import Control
@@ -49,7 +50,9 @@ def _linuxcnc(p: Parameters) -> Control:
 def _opcua(p: Parameters) -> Control:
     try:
         from omm_cnc_bridge.controls.opcua.control import OpcUaControl
+        from omm_cnc_bridge.controls.opcua.corrections import CorrectedOpcUaControl
         from omm_cnc_bridge.controls.opcua.logging_in import Security
+        from omm_cnc_bridge.controls.opcua.mapping import load_mapping
     except ImportError as error:
         raise InputError(f"Expected asyncua for OPC UA: pip install asyncua ({error}).") from error
     security = Security(
@@ -61,9 +64,10 @@ def _opcua(p: Parameters) -> Control:
         allow_unencrypted=p.opcua_allow_unencrypted,
         allow_password_unencrypted=p.opcua_allow_password_unencrypted,
     )
-    return OpcUaControl(
-        p.opcua_url, rate_hz=p.rate_hz, mapping_file=p.opcua_mapping_file, security=security
-    )
+    file = p.opcua_mapping_file
+    led = bool(file) and load_mapping(Path(file)).correction is not None
+    kind = CorrectedOpcUaControl if led else OpcUaControl
+    return kind(p.opcua_url, rate_hz=p.rate_hz, mapping_file=file, security=security)
 
 
 def _mtconnect(p: Parameters) -> Control:

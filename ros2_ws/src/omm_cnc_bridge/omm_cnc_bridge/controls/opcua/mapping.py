@@ -24,6 +24,7 @@ CHANNEL_ITEMS = (
     "mode", "program_status", "program", "program_line", "measure_request", "spindle_angle"
 )  # fmt: skip
 OFFSET_ITEMS = ("X", "Y", "Z", "A", "B", "C")
+CORRECTION_ITEMS = ("X", "Y", "Z", "status", "valid")
 LENGTH_UNITS = ("mm", "m", "inch")
 ANGLE_UNITS = ("rad", "deg")
 UNITS = {"mm": 1.0, "m": 1000.0, "inch": 25.4, "rad": 1.0, "deg": 0.017453292519943295}
@@ -50,6 +51,14 @@ class OffsetNodes:
 
 
 @dataclass(frozen=True, kw_only=True)
+class CorrectionNodes:
+    """Nodes of the next stop's correction: a shift of X, Y, Z, its status, and whether it holds."""
+
+    paths: Mapping[str, str]
+    unit: str = "mm"
+
+
+@dataclass(frozen=True, kw_only=True)
 class Mapping40502:
     """What is read, from where; an empty mapping is found by browsing for OPC 40502's names."""
 
@@ -66,7 +75,9 @@ class Mapping40502:
     acknowledge: str = ""
     """Where the number of an image that is in is written."""
     offsets: Mapping[str, OffsetNodes] = field(default_factory=dict)
-    """Work offsets by name: besides ``acknowledge`` the only nodes that are ever written."""
+    """Work offsets by name."""
+    correction: CorrectionNodes | None = None
+    """With ``acknowledge`` and ``offsets`` the only nodes that are ever written."""
 
 
 def load_mapping(path: Path) -> Mapping40502:
@@ -78,7 +89,9 @@ def load_mapping(path: Path) -> Mapping40502:
         Where the file is not there or says something unknown.
     """
     root = read_yaml(path, "mapping")
-    root.refuse_unknown("axes", "channel", "modes", "program_states", "acknowledge", "offsets")
+    root.refuse_unknown(
+        "axes", "channel", "modes", "program_states", "acknowledge", "offsets", "correction"
+    )
     axes = root.section("axes")
     if not axes.values:
         raise InputError(f"{axes.where}: expected an axis at least, got none.")
@@ -93,6 +106,8 @@ def load_mapping(path: Path) -> Mapping40502:
         given["acknowledge"] = root.text("acknowledge")
     if "offsets" in root:
         given["offsets"] = _offsets(root.section("offsets"))
+    if "correction" in root:
+        given["correction"] = _correction(root.section("correction"))
     return Mapping40502(
         axes={str(name): _axis(axes.section(name)) for name in axes.values}, **given
     )
@@ -153,3 +168,18 @@ def _offset(section: YamlSection) -> OffsetNodes:
                 f"{section.where}: expected {name} out of {', '.join(words)}, got {told[name]}."
             )
     return OffsetNodes(paths=paths, unit=told["unit"], angle_unit=told["angle_unit"])
+
+
+def _correction(section: YamlSection) -> CorrectionNodes:
+    section.refuse_unknown(*CORRECTION_ITEMS, "unit")
+    paths = {item: section.text(item) for item in CORRECTION_ITEMS if item in section}
+    if missing := [item for item in CORRECTION_ITEMS if item not in paths]:
+        raise InputError(f"{section.where}: expected nodes for {', '.join(missing)}, too.")
+    if len(set(paths.values())) != len(paths):
+        raise InputError(f"{section.where}: expected each node once, got one of them twice.")
+    unit = section.text("unit") if "unit" in section else "mm"
+    if unit not in LENGTH_UNITS:
+        raise InputError(
+            f"{section.where}: expected unit out of {', '.join(LENGTH_UNITS)}, got {unit}."
+        )
+    return CorrectionNodes(paths=paths, unit=unit)

@@ -99,6 +99,7 @@ class Session:
         self._steps_ns: deque[int] = deque(maxlen=21)
         self._acknowledge: Node | None = None
         self._offsets: dict[str, dict[str, Node]] = {}
+        self.correction_nodes: dict[str, Node] = {}
 
     async def open(self) -> None:
         """Connect, find the nodes, subscribe."""
@@ -119,6 +120,8 @@ class Session:
             self._acknowledge = await self._find(self._mapping.acknowledge)
         for name, offset in self._mapping.offsets.items():
             self._offsets[name] = {i: await self._find(p) for i, p in offset.paths.items()}
+        if (correction := self._mapping.correction) is not None:
+            self.correction_nodes = {i: await self._find(p) for i, p in correction.paths.items()}
         await self._subscribe(nodes)
 
     async def close(self) -> None:
