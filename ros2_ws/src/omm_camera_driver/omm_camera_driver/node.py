@@ -10,7 +10,7 @@ from typing import Any
 from omm_interfaces.srv import TriggerImage
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Empty
 
@@ -28,9 +28,10 @@ from omm_ros.conversions import image_message, time_from_ns
 from omm_ros.diagnostics import ERROR, OK, WARN, Diagnostics, Health
 from omm_ros.node_main import run_node
 from omm_ros.parameters import declare, watch
+from omm_ros.published import CountingLifecycleNode
 
 
-class CameraNode(LifecycleNode):
+class CameraNode(CountingLifecycleNode):
     """Publishes /camera/image_raw and /camera/camera_info; takes images when asked."""
 
     def __init__(self) -> None:

@@ -43,6 +43,7 @@ from omm_ros.diagnostics import ERROR, FINE, OK, WARN, Diagnostics, Health
 from omm_ros.frames import prefixed
 from omm_ros.node_main import run_node
 from omm_ros.parameters import declare
+from omm_ros.published import CountingNode
 
 _NOT_YET = keyed("said.not_connected_yet", "not connected yet")
 _BUSY = {
@@ -54,7 +55,7 @@ TF_RATE_HZ = 30.0
 END_PATIENCE_S = 1.0  # for a connection that is just being made; it is given up with the process
 
 
-class CncBridgeNode(Node):
+class CncBridgeNode(CountingNode):
     """Publishes true spindle poses of a control, and has images taken where its program asks."""
 
     def __init__(self) -> None:

@@ -16,7 +16,7 @@ from typing import Any
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from omm_interfaces.msg import PartEstimate, TargetObservations
 from omm_interfaces.srv import LeaveOutImage, LoadPart
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Image
 from std_srvs.srv import Trigger
@@ -41,6 +41,7 @@ from omm_ros.lifecycle import transition
 from omm_ros.node_main import run_node
 from omm_ros.parameters import declare, watch
 from omm_ros.preparing import while_preparing
+from omm_ros.published import CountingLifecycleNode
 
 _PREPARING = keyed("said.preparing_kernels", "preparing: numerical kernels are loaded or compiled")
 _NO_LONGER = keyed("said.no_longer_determined", "no longer determined")
@@ -53,7 +54,7 @@ _POSES_BETWEEN_FORGETTING = 50_000
 _REMEMBERED_NS = 600_000_000_000  # poses of ten minutes, for images that come late
 
 
-class EstimatorNode(LifecycleNode):
+class EstimatorNode(CountingLifecycleNode):
     """Publishes the estimate as soon as it is determined, and again after every image."""
 
     def __init__(self) -> None:

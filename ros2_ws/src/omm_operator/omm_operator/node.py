@@ -16,7 +16,6 @@ from diagnostic_msgs.msg import DiagnosticArray
 from omm_interfaces.msg import OperatorCommand, PartEstimate, SpindleState, TargetObservations
 from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters
-from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import Image
 
@@ -39,6 +38,7 @@ from omm_ros import qos, topics
 from omm_ros.conversions import time_from_ns
 from omm_ros.node_main import run_node
 from omm_ros.parameters import declare
+from omm_ros.published import CountingNode
 
 _PICTURE_PERIOD_S = 0.2
 _LOOK_PERIOD_S = 0.5
@@ -48,7 +48,7 @@ ESTIMATOR, BRIDGE = "estimator", "cnc_bridge"
 _ASKED = {ESTIMATOR: ("part_file",), BRIDGE: ("allow_commands", "control", "linuxcnc_cell")}
 
 
-class OperatorNode(Node):
+class OperatorNode(CountingNode):
     """Listens, and serves the page.
 
     Raises

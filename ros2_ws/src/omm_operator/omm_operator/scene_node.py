@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from omm_interfaces.msg import PartEstimate, SpindleState
-from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
@@ -21,6 +20,7 @@ from omm_operator.scene import camera_view, part_markers
 from omm_ros import qos, topics
 from omm_ros.node_main import run_node
 from omm_ros.parameters import declare, parameter
+from omm_ros.published import CountingNode
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +41,7 @@ class Parameters:
     camera_frame: str = parameter("camera_optical", "Frame of the camera.")
 
 
-class SceneNode(Node):
+class SceneNode(CountingNode):
     """Shows engineers what was measured.
 
     Raises

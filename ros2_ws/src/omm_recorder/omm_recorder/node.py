@@ -10,7 +10,6 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterEvent
-from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
@@ -30,7 +29,7 @@ from omm_ros.diagnostics import ERROR, OK, WARN, Diagnostics, Health
 from omm_ros.node_main import run_node
 from omm_ros.parameters import declare
 from omm_ros.published import NAME as PUBLISHED
-from omm_ros.published import parsed
+from omm_ros.published import CountingNode, parsed
 from omm_ros.topics import without_namespace
 
 LOOK_PERIOD_S = 0.5
@@ -47,7 +46,7 @@ OWNER = "estimator"
 _ALL = keyed("said.all_recorded", "all is recorded")
 
 
-class RecorderNode(Node):
+class RecorderNode(CountingNode):
     """Subscribes to all there is to record and hands the bytes to a `Recorder`.
 
     Raises

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
@@ -26,6 +25,7 @@ from omm_recording.rosbag2_format import TopicQos, parsed_qos
 from omm_ros import node_help
 from omm_ros.conversions import time_from_ns
 from omm_ros.parameters import declare, network_parameter, parameter
+from omm_ros.published import CountingNode
 
 CLOCK_PERIOD_S = 0.025
 KEY_PERIOD_S = 0.02
@@ -59,7 +59,7 @@ class ReplayParameters:
     network: bool = network_parameter()
 
 
-class ReplayNode(Node):
+class ReplayNode(CountingNode):
     """Publishes a recording.
 
     Raises

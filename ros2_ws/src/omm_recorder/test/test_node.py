@@ -37,6 +37,7 @@ from omm_recording.run_files import UNFINISHED
 from omm_recording.verifying import verify
 from omm_ros import transport
 from omm_ros.diagnostics import Diagnostics
+from omm_ros.published import CountingLifecycleNode, CountingNode, published
 from omm_runs.recorded_estimator import options_from
 from omm_runs.solving import SolveRunOptions, solve_run
 
@@ -193,11 +194,14 @@ def test_what_is_missing_at_the_end_is_asked_for_and_told(
 
 
 def test_the_nodes_of_omm_tell_how_many_messages_they_published(node: Any) -> None:
-    poses = node.create_publisher(message_class("geometry_msgs/msg/PoseStamped"), "/some/poses", 10)
-    diagnostics = Diagnostics(node)
+    counting = CountingNode("counting", context=node.context)
+    poses = counting.create_publisher(
+        message_class("geometry_msgs/msg/PoseStamped"), "/some/poses", 10
+    )
+    diagnostics = Diagnostics(counting)
     told: list[DiagnosticArray] = []
     node.create_subscription(DiagnosticArray, "/diagnostics", told.append, 10)
-    wait_for(lambda: node.count_publishers("/diagnostics"), "its own publisher")
+    wait_for(lambda: node.count_publishers("/diagnostics"), "its publisher")
     for _ in range(3):
         poses.publish(message_class("geometry_msgs/msg/PoseStamped")())
     executor = rclpy.executors.SingleThreadedExecutor(context=node.context)
@@ -211,6 +215,23 @@ def test_the_nodes_of_omm_tell_how_many_messages_they_published(node: Any) -> No
     wait_for(spun, "its diagnostics")
     (status,) = (s for s in told[-1].status if s.name.endswith(": published"))
     assert {v.key: v.value for v in status.values}["/some/poses"] == "3"
+    counting.destroy_node()
+
+
+def test_a_lifecycle_node_counts_what_it_publishes_while_it_is_active(node: Any) -> None:
+    counting = CountingLifecycleNode("counting", context=node.context)
+    pose = message_class("geometry_msgs/msg/PoseStamped")
+    poses = counting.create_lifecycle_publisher(pose, "/some/poses", 10)
+    poses.publish(pose())
+    assert published(counting)["/some/poses"] == 0
+    counting.trigger_configure()
+    counting.trigger_activate()
+    poses.publish(pose())
+    assert published(counting)["/some/poses"] == 1
+    counting.trigger_deactivate()
+    poses.publish(pose())
+    assert published(counting)["/some/poses"] == 1
+    counting.destroy_node()
 
 
 @pytest.mark.parametrize(

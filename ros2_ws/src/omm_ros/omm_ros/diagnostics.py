@@ -9,7 +9,7 @@ from rclpy.node import Node
 from omm_core.words import beside, keyed
 from omm_ros import topics
 from omm_ros.published import NAME as PUBLISHED
-from omm_ros.published import count_publications, published
+from omm_ros.published import published
 
 OK = DiagnosticStatus.OK
 WARN = DiagnosticStatus.WARN
@@ -45,7 +45,6 @@ class Diagnostics:
 
     def __init__(self, node: Node, hardware_id: str = "", period_s: float = 1.0) -> None:
         self.hardware_id = hardware_id
-        count_publications()
         self._node = node
         self._tasks: dict[str, Callable[[], Health]] = {}
         self._publisher = node.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, 10)

@@ -22,7 +22,6 @@ from omm_core.errors import InputError, OmmError
 from omm_ros import node_help, transport
 from omm_ros.environment import check_environment
 from omm_ros.interrupt import Interrupts
-from omm_ros.published import count_publications
 
 AUTOSTART = "autostart"
 END_WITH_PARENT = "OMM_END_WITH_PARENT"
@@ -72,7 +71,6 @@ def run_node(
         return _failed(None, error, 2)
     end_with_parent()
     transport.prepare(arguments)
-    count_publications()
     os.nice(niceness)
     # rclpy ends ROS at the first Ctrl-C. Python's own answer would come on top, and out of nowhere:
     # in the middle of taking a message, rclpy makes a RuntimeError of it.

@@ -1,43 +1,87 @@
-"""How many messages this process has published: a recorder compares it with what it received.
+"""How many messages a node has published: a recorder compares it with what it received.
 
 DDS numbers the messages of each publisher, so that a listener sees what is missing between two of
 them; of what is missing after the last one only the publisher knows. rclpy does not tell the
-number, so it is counted here, and told with the node's diagnostics.
+number, so omm's nodes have publishers that count, and tell the counts with their diagnostics.
 """
 
 from collections.abc import Mapping
+from typing import Any
 
+from rclpy.lifecycle import LifecycleNode
+from rclpy.lifecycle.managed_entity import SimpleManagedEntity
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 NAME = "published"
-_COUNT = "_omm_published"
 _NOT_COUNTED = ("/diagnostics", "/rosout")
 """Several nodes publish these; the first changes while it is being told."""
 
 
-def count_publications() -> None:
-    """Count from now on what every publisher of this process publishes."""
-    if hasattr(Publisher.publish, _COUNT):
-        return
-    plain = Publisher.publish
+class CountedPublisher(Publisher):
+    """A publisher that knows how many messages it has published.
 
-    def publish(self: Publisher, msg: object) -> None:
-        plain(self, msg)
-        # After it, so that a message that could not be published does not count. Each publisher
-        # belongs to one thread at a time.
-        setattr(self, _COUNT, getattr(self, _COUNT, 0) + 1)
+    Attributes
+    ----------
+    count : int
+        So many; each publisher belongs to one thread at a time.
+    """
 
-    setattr(publish, _COUNT, True)
-    Publisher.publish = publish
+    count = 0
+
+    def publish(self, msg: Any) -> None:
+        """Publish a message, and count it once that has worked."""
+        super().publish(msg)
+        self.count += 1
+
+
+class CountedLifecyclePublisher(SimpleManagedEntity, CountedPublisher):
+    """The same for lifecycle nodes: silent unless the node is active."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        SimpleManagedEntity.__init__(self)
+        CountedPublisher.__init__(self, *arguments, **options)
+
+    @SimpleManagedEntity.when_enabled
+    def publish(self, msg: Any) -> None:
+        """Publish a message, and count it, if the node is active."""
+        CountedPublisher.publish(self, msg)
+
+
+class CountingNode(Node):
+    """A node whose publishers count, those that rclpy makes for it as well."""
+
+    def create_publisher(
+        self, *arguments: Any, publisher_class: type[Publisher] = CountedPublisher, **options: Any
+    ) -> Publisher:
+        """Create a publisher that counts."""
+        return super().create_publisher(*arguments, publisher_class=publisher_class, **options)
+
+
+class CountingLifecycleNode(LifecycleNode):
+    """A lifecycle node whose publishers count."""
+
+    def create_publisher(
+        self, *arguments: Any, publisher_class: type[Publisher] = CountedPublisher, **options: Any
+    ) -> Publisher:
+        """Create a publisher that counts."""
+        return super().create_publisher(*arguments, publisher_class=publisher_class, **options)
+
+    def create_lifecycle_publisher(self, *arguments: Any, **options: Any) -> Publisher:
+        """Create a publisher that counts, and is silent unless the node is active."""
+        made = self.create_publisher(
+            *arguments, publisher_class=CountedLifecyclePublisher, **options
+        )
+        self.add_managed_entity(made)
+        return made
 
 
 def published(node: Node) -> dict[str, int]:
-    """Return how many messages the publishers of a node have published, by topic."""
+    """Return how many messages the counting publishers of a node have published, by topic."""
     return {
-        publisher.topic_name: getattr(publisher, _COUNT, 0)
+        publisher.topic_name: publisher.count
         for publisher in list(node.publishers)
-        if publisher.topic_name not in _NOT_COUNTED
+        if isinstance(publisher, CountedPublisher) and publisher.topic_name not in _NOT_COUNTED
     }
 
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from geometry_msgs.msg import PoseStamped
 from numpy.typing import NDArray
-from rclpy.node import Node
 
 from omm_camera_driver.drivers.gige.simulator import GigeSimulator
 from omm_camera_driver.drivers.simulated.cell_view import cell_view
@@ -21,6 +20,7 @@ from omm_ros.conversions import stamp_ns, transform_from_pose
 from omm_ros.diagnostics import OK, WARN, Diagnostics, Health
 from omm_ros.node_main import run_node
 from omm_ros.parameters import declare, parameter
+from omm_ros.published import CountingNode
 
 # Shorter than the protocol's own time-out: while it renders, the camera does not answer.
 _POSE_TIMEOUT_S = 0.3
@@ -42,7 +42,7 @@ class Parameters:
     )
 
 
-class GigeSimulatorNode(Node):
+class GigeSimulatorNode(CountingNode):
     """Takes the true poses in, and lets the camera see the cell from there."""
 
     def __init__(self) -> None:
