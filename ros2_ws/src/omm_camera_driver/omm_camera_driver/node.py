@@ -240,6 +240,8 @@ class CameraNode(CountingLifecycleNode):
         if self._worker is None:
             return Health(level=WARN, message=keyed("said.not_configured", "not configured"))
         status = self._worker.status()
+        if self._listener is not None and self._listener.failure:
+            return Health(level=ERROR, message=self._listener.failure, values=_values(status))
         return Health(level=_level(status), message=_summary(status), values=_values(status))
 
 

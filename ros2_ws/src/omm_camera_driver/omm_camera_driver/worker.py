@@ -7,6 +7,7 @@ for seconds), and nobody who must answer may wait for them. After a loss the old
 closed on a thread of its own, and a new one is opened as soon as that has ended.
 """
 
+import math
 import threading
 import time
 import traceback
@@ -33,6 +34,9 @@ _RETRY_S = 0.25
 _CHECK_S = 0.5
 _WAIT_FOR_FRAME_S = 0.1
 _RATE_WINDOW_S = 5.0
+# A camera that runs by itself and sends nothing for so long is not streaming, whatever it says.
+_SILENT_S = 3.0
+_LOST_NEWS_S = 10.0
 
 
 class State(str, Enum):
@@ -113,6 +117,7 @@ class CameraWorker:
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None
         self._published_at: deque[float] = deque(maxlen=256)
+        self._connected_s = self._lost_s = -math.inf
         self._last_sequence: int | None = None
 
     # --- called from anywhere ---
@@ -163,13 +168,42 @@ class CameraWorker:
         now_s = time.monotonic()
         if self._thread is None:
             return replace(self._status, state=State.INACTIVE, problem="", camera=None)
+        if not self._thread.is_alive() and not self._stopping.is_set():
+            return replace(self._status, state=State.LOST, problem=self._status.problem or _DEAD)
         recent = [t for t in list(self._published_at) if now_s - t < _RATE_WINDOW_S]
         rate_hz = (len(recent) - 1) / (recent[-1] - recent[0]) if len(recent) > 1 else 0.0
-        return replace(self._status, rate_hz=rate_hz)
+        problem = self._status.problem or self._unearned(now_s)
+        return replace(self._status, rate_hz=rate_hz, problem=problem)
+
+    def _unearned(self, now_s: float) -> str:
+        """Return what speaks against a connection that says nothing of itself; mostly nothing."""
+        if self._status.state is not State.STREAMING:
+            return ""
+        exposure_s = (self._settings.exposure_us or 0.0) / 1e6
+        period_s = 1.0 / self._settings.frame_rate_hz if self._settings.frame_rate_hz else 0.0
+        silent_s = now_s - max([self._connected_s, *list(self._published_at)[-1:]])
+        if self._settings.trigger is Trigger.CONTINUOUS and silent_s > (
+            _SILENT_S + 2.0 * (exposure_s + period_s)
+        ):
+            return f"The camera runs by itself, but no image has come for {silent_s:.0f} s."
+        if now_s - self._lost_s < _LOST_NEWS_S:
+            return f"Images were lost on the way within the last {_LOST_NEWS_S:.0f} s."
+        return ""
 
     # --- the thread ---
 
     def _run(self) -> None:
+        """Keep the camera connected; what ends the thread all the same is told."""
+        try:
+            self._keep_connected()
+        except Exception as error:
+            traceback.print_exc()
+            problem = f"The camera's thread has ended: {type(error).__name__}: {error}"
+            self._status = replace(self._status, state=State.LOST, problem=problem)
+            self._refuse_all(problem)
+            self._listener.on_problem(problem)
+
+    def _keep_connected(self) -> None:
         while not self._stopping.is_set():
             driver: CameraDriver | None = None
             try:
@@ -191,6 +225,7 @@ class CameraWorker:
         camera = driver.open(self._settings)
         driver.start()
         self._last_sequence = None
+        self._connected_s = time.monotonic()
         self._status = replace(
             self._status,
             state=State.STREAMING,
@@ -213,11 +248,21 @@ class CameraWorker:
 
     def _dispose(self, driver: CameraDriver) -> None:
         """Close on a separate thread, so that stopping need not wait for a device's time-outs."""
-        closing = threading.Thread(target=driver.close, name="camera closing", daemon=True)
+        failed: list[Exception] = []
+
+        def close() -> None:
+            try:
+                driver.close()
+            except Exception as error:
+                failed.append(error)
+
+        closing = threading.Thread(target=close, name="camera closing", daemon=True)
         closing.start()
         while closing.is_alive() and not self._stopping.is_set():
             closing.join(0.05)
         closing.join(0.5)
+        for error in failed:
+            self._listener.on_problem(f"The camera could not be closed: {error}")
 
     def _stream(self, driver: CameraDriver) -> None:
         camera = self._status.camera
@@ -317,9 +362,12 @@ class CameraWorker:
     def _usable(self, frame: Frame) -> bool:
         """Count what was lost on the way, and tell whether this image is whole."""
         status = self._status
+        if not frame.complete:
+            self._lost_s = time.monotonic()
         if self._last_sequence is not None and frame.sequence > self._last_sequence + 1:
             missing = frame.sequence - self._last_sequence - 1
             status = replace(status, missing=status.missing + missing)
+            self._lost_s = time.monotonic()
         self._last_sequence = frame.sequence
         if not frame.complete:
             status = replace(status, incomplete=status.incomplete + 1)
@@ -345,7 +393,7 @@ class CameraWorker:
 
     def _unanswered(self, request: _ImageRequest, problem: str) -> None:
         count = self._status.unanswered_triggers + 1
-        self._status = replace(self._status, unanswered_triggers=count)
+        self._status = replace(self._status, unanswered_triggers=count, problem=problem)
         request.future.set_exception(DeviceError(problem))
 
     def _refuse_all(self, problem: str) -> None:
@@ -359,6 +407,9 @@ class CameraWorker:
             name, value, future = self._changes.popleft()
             self._settings = replace(self._settings, **{name: value})  # type: ignore[arg-type]
             future.set_result(value)
+
+
+_DEAD = "The camera's thread has ended."
 
 
 def _is_exposed_after(frame: Frame, asked_ns: int) -> bool:

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from omm_camera_driver.driver import CameraSettings
+from omm_camera_driver.driver import Camera, CameraSettings, Frame, Trigger
 from omm_camera_driver.worker import CameraWorker, State
 from omm_core.errors import DeviceError
 
@@ -63,3 +63,107 @@ def test_a_worker_that_is_stopped_says_inactive_and_takes_no_image() -> None:
     status = worker.status()
     assert (status.state, status.problem, status.rate_hz) == (State.INACTIVE, "", 0.0)
     assert "not active" in str(worker.request_image().exception())
+
+
+class _SilentDriver:
+    """A camera that is there, and sends what it is told to."""
+
+    def __init__(self, frames: list[Frame] | None = None) -> None:
+        self.frames = frames or []
+
+    def open(self, settings: CameraSettings) -> Camera:
+        return Camera(
+            vendor="", model="silent", serial="1", address="here", has_software_trigger=True
+        )
+
+    def start(self) -> None:
+        """Nothing to start."""
+
+    def next_frame(self, timeout_s: float) -> Frame | None:
+        time.sleep(0.01)
+        return self.frames.pop(0) if self.frames else None
+
+    def trigger(self) -> None:
+        """It does not care."""
+
+    def flush(self) -> None:
+        """Nothing waits."""
+
+    def check(self) -> None:
+        """It is always there."""
+
+    def health(self) -> dict[str, object]:
+        return {}
+
+    def close(self) -> None:
+        raise OSError("the handle is gone")
+
+
+class _Calm(_Listener):
+    def on_frame(self, frame: object) -> None:
+        """Take it."""
+
+    def on_connected(self, camera: object) -> None:
+        """Good."""
+
+
+def _until(condition: object) -> None:
+    deadline_s = time.monotonic() + WAIT_S
+    while not condition():  # type: ignore[operator]
+        assert time.monotonic() < deadline_s
+        time.sleep(0.02)
+
+
+@pytest.fixture
+def running() -> object:
+    started: list[CameraWorker] = []
+
+    def run(driver: _SilentDriver, trigger: Trigger, listener: _Listener) -> CameraWorker:
+        settings = CameraSettings(trigger=trigger)
+        worker = CameraWorker(lambda: driver, settings, listener, trigger_timeout_s=0.2)  # type: ignore[arg-type, return-value]
+        worker.start()
+        started.append(worker)
+        _until(lambda: worker.status().state is State.STREAMING)
+        return worker
+
+    yield run
+    for worker in started:
+        worker.stop(WAIT_S)
+
+
+def test_a_camera_that_runs_by_itself_and_sends_nothing_is_told(running) -> None:  # type: ignore[no-untyped-def]
+    worker = running(_SilentDriver(), Trigger.CONTINUOUS, _Calm())
+    assert worker.status().problem == ""
+    _until(lambda: "no image has come" in worker.status().problem)
+
+
+def test_a_trigger_without_an_image_is_told_until_one_comes(running) -> None:  # type: ignore[no-untyped-def]
+    worker = running(_SilentDriver(), Trigger.SOFTWARE, _Calm())
+    time.sleep(3.5)  # nobody asks, so nothing is wrong
+    assert worker.status().problem == ""
+    assert worker.request_image().exception(WAIT_S) is not None
+    assert "Expected an image within 0.2 s" in worker.status().problem
+
+
+def test_whatever_ends_the_thread_is_told_in_state_and_to_who_asks(running) -> None:  # type: ignore[no-untyped-def]
+    class Breaks(_Calm):
+        def on_problem(self, problem: str) -> None:
+            super().on_problem(problem)
+            if len(self.problems) == 1:
+                raise RuntimeError("the publisher is gone")
+
+    driver, listener = _SilentDriver(), Breaks()
+    driver.check = lambda: (_ for _ in ()).throw(DeviceError("unplugged"))  # type: ignore[method-assign]
+    worker = running(driver, Trigger.CONTINUOUS, listener)
+    _until(lambda: "thread has ended" in worker.status().problem)
+    assert worker.status().state is State.LOST
+    assert "the publisher is gone" in worker.status().problem
+    assert "thread has ended" in str(worker.request_image().exception(WAIT_S))
+    assert any("thread has ended" in problem for problem in listener.problems)
+
+
+def test_a_camera_that_cannot_be_closed_is_told(running) -> None:  # type: ignore[no-untyped-def]
+    listener = _Calm()
+    worker = running(_SilentDriver(), Trigger.SOFTWARE, listener)
+    worker.stop(WAIT_S)
+    assert any("could not be closed: the handle is gone" in p for p in listener.problems)

@@ -331,6 +331,8 @@ class CncBridgeNode(CountingNode):
             values["age p99 [ms]"] = f"{ages[len(ages) * 99 // 100] / 1e6:.2f}"
         if judged is None:
             return Health(level=WARN, message=conversions.NO_SAMPLE, values=values)
+        if self._connection is not Connection.CONNECTED:
+            return Health(level=ERROR, message=f"no poses: {self._detail}", values=values)
         limits = self._judge.machine.out_of_limits(judged.axes)
         message = judged.refused or sentences(limits) or FINE
         return Health(
@@ -341,7 +343,12 @@ class CncBridgeNode(CountingNode):
         with self._lock:
             status, trouble = self._handshake.status, self._handshake.trouble
             values = {"last acknowledged": self._handshake.acknowledged}
-        return Health(level=ERROR if trouble else OK, message=status, values=values)
+        if trouble:
+            return Health(level=ERROR, message=status, values=values)
+        if self._camera is not None and not self._camera.service_is_ready():
+            message = f"there is no service {self._camera.service_name}; {status}"
+            return Health(level=WARN, message=message, values=values)
+        return Health(level=OK, message=status, values=values)
 
 
 def _noteworthy(judged: Judgement) -> tuple[object, ...]:

@@ -29,7 +29,7 @@ from omm_core.imaging.calibration import load_calibration
 from omm_core.session.measurement import Measurement, MeasurementOptions
 from omm_core.session.result import MeasurementResult
 from omm_core.warm_up import warm_up_detection, warm_up_estimation
-from omm_core.words import NOTHING, Words, keyed, of_error, sentences
+from omm_core.words import NOTHING, Words, keyed, listed, of_error, sentences
 from omm_estimator import conversions
 from omm_estimator.parameters import Parameters
 from omm_ros import qos, topics
@@ -50,6 +50,7 @@ _SETTLE_PERIOD_S = 0.02
 # Times what the last update took: after thousands of images, not every one gets its own.
 _PAUSE = 4.0
 _FRAMES_PERIOD_S = 0.5
+_SILENT_S = 2.0  # poses come fifty times a second
 _POSES_BETWEEN_FORGETTING = 50_000
 _REMEMBERED_NS = 600_000_000_000  # poses of ten minutes, for images that come late
 
@@ -72,6 +73,7 @@ class EstimatorNode(CountingLifecycleNode):
         self._image_number = self._missed_images = 0
         self._last: MeasurementResult | None = None
         self._active = False
+        self._pose_heard_s = 0.0
         self._estimate = self.create_publisher(PartEstimate, topics.ESTIMATE, qos.LATCHED)
         self._pose = self.create_publisher(PoseWithCovarianceStamped, topics.PART_POSE, qos.LATCHED)
         self._observations = self.create_publisher(
@@ -116,6 +118,7 @@ class EstimatorNode(CountingLifecycleNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Take images from now on."""
         self._active = True
+        self._pose_heard_s = time.monotonic()
         self._publish()
         return super().on_activate(state)
 
@@ -152,6 +155,7 @@ class EstimatorNode(CountingLifecycleNode):
             return
         self._measurement.add_pose(stamp, pose)
         self._poses += 1
+        self._pose_heard_s = time.monotonic()
         if self._poses % _POSES_BETWEEN_FORGETTING == 0:
             self._measurement.forget_poses(stamp - _REMEMBERED_NS)
 
@@ -180,7 +184,11 @@ class EstimatorNode(CountingLifecycleNode):
     def _count_missed(self, number: int) -> None:
         """Count what never came here, because too many waited already, by the camera's numbers."""
         missed = number - self._image_number - 1
-        if missed > 0 and self._image_number > 0 and self.count_publishers(topics.IMAGE) == 1:
+        if (
+            missed > 0
+            and self._image_number > 0
+            and self.count_publishers(self.resolve_topic_name(topics.IMAGE)) == 1
+        ):
             self._missed_images += missed
             self.get_logger().warning(
                 f"{self._missed_images} images came faster than targets are found and were missed",
@@ -356,6 +364,7 @@ class EstimatorNode(CountingLifecycleNode):
         values |= {"images": len(result.images), "pending": result.images_pending}
         values["bad poses"], values["missed images"] = self._bad_poses, self._missed_images
         trouble = [subscription.trouble for subscription in self._inputs if subscription.trouble]
+        trouble += self._silence()
         used = keyed(
             "said.images_used",
             "{used} of {n} images used",
@@ -368,6 +377,19 @@ class EstimatorNode(CountingLifecycleNode):
             message=message,
             values=values,
         )
+
+    def _silence(self) -> list[str]:
+        """Return why nothing can come of it at the moment."""
+        if not self._active:
+            return [keyed("said.not_active", "not active: images are not taken")]
+        names = [self.resolve_topic_name(topic) for topic in (topics.IMAGE, topics.SPINDLE_POSE)]
+        silent = [name for name in names if self.count_publishers(name) == 0]
+        if silent:
+            return [keyed("said.no_publisher", "nobody publishes {topics}", topics=listed(silent))]
+        silent_s = time.monotonic() - self._pose_heard_s
+        if silent_s > _SILENT_S:
+            return [keyed("said.no_pose", "no spindle pose for {s} s", s=f"{silent_s:.0f}")]
+        return []
 
     def _estimate_health(self) -> Health:
         if self._preparing:

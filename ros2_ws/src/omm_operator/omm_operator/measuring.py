@@ -138,7 +138,10 @@ class _Health:
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name == self._line:
-                self.is_connected = status.level == DiagnosticStatus.OK
+                told = {value.key: value.value for value in status.values}
+                fine = status.level == DiagnosticStatus.OK
+                # After an image that did not come it warns, and is there all the same.
+                self.is_connected = fine or told.get("state") == "streaming"
                 self.problem = "" if self.is_connected else status.message
             if status.message.startswith("preparing"):
                 self.preparing_s = time.monotonic()

@@ -19,7 +19,7 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.task import Future
 from sensor_msgs.msg import Image
 
-from omm_core.errors import InputError
+from omm_core.errors import InputError, OmmError
 from omm_core.files.machine import load_machine
 from omm_core.files.outside import read_bytes
 from omm_core.files.part import load_part
@@ -35,6 +35,7 @@ from omm_operator.web.access import Hosts, Listening, Sessions
 from omm_operator.web.application import application
 from omm_operator.web.serving import ServerThread, listen, tls_context
 from omm_ros import qos, topics
+from omm_ros.adaptive_subscription import AdaptiveSubscription
 from omm_ros.conversions import time_from_ns
 from omm_ros.node_main import run_node
 from omm_ros.parameters import declare
@@ -119,7 +120,7 @@ class OperatorNode(CountingNode):
         self.create_subscription(
             TargetObservations, topics.OBSERVATIONS, self._on_found, qos.OBSERVATIONS
         )
-        self.create_subscription(Image, topics.IMAGE, self._on_image, qos.IMAGE)
+        self._images = AdaptiveSubscription(self, Image, topics.IMAGE, self._on_image, qos.IMAGE)
         self.create_subscription(DiagnosticArray, topics.DIAGNOSTICS, self._on_diagnostics, 50)
         self._askers = {
             node: self.create_client(GetParameters, f"{node}/get_parameters") for node in _ASKED
@@ -172,6 +173,8 @@ class OperatorNode(CountingNode):
 
     def _look(self) -> None:
         """See who has left, and ask nodes for the parameters that decide what the page allows."""
+        if self._server.failure is not None:  # nobody would see that nothing is served any more
+            raise OmmError(f"The page's thread has ended: {self._server.failure!r}.")
         for station, topic in _STATIONS.items():
             if self.count_publishers(topic) == 0:
                 self._server.call(self._operation.screen.lose, station)

@@ -391,3 +391,16 @@ def test_half_a_certificate_is_told(tmp_path: Path) -> None:
     (tmp_path / "key.pem").write_text("no key")
     with pytest.raises(InputError, match="certificate"):
         tls_context(str(tmp_path / "certificate.pem"), str(tmp_path / "key.pem"))
+
+
+def test_what_ends_the_servers_thread_is_known_to_who_started_it() -> None:
+    def make() -> object:
+        raise RuntimeError("a defect")
+
+    sockets, _ = listen("127.0.0.1", 0)
+    server = ServerThread(sockets, None, make)
+    server.start()
+    assert str(server.failure) == "a defect"
+    server.close()
+    for each in sockets:
+        each.close()

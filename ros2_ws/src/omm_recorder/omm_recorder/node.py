@@ -14,7 +14,7 @@ from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
 from omm_core.errors import InputError, OmmError
-from omm_core.words import Words, keyed, of_error, sentences
+from omm_core.words import Words, keyed, listed, of_error, sentences
 from omm_recorder.conversions import message_class, profile_from_qos, qos_from_profile
 from omm_recorder.definitions import definition, type_hash
 from omm_recorder.files import FileToRecord, file_to_record
@@ -41,6 +41,7 @@ FILES = {
     "calibration_file": "camera.yaml",
     "machine_file": "machine.yaml",
 }
+_NEEDED = ("part.yaml", "camera.yaml")
 OWNER = "estimator"
 """The node whose parameters those are; no other's are believed."""
 _ALL = keyed("said.all_recorded", "all is recorded")
@@ -311,6 +312,11 @@ class RecorderNode(CountingNode):
         message = state.trouble or (_lost(lost) if lost else _ALL)
         if self._unread and level == OK:
             level, message = WARN, sentences(self._unread.values())
+        missing = [name for name in _NEEDED if name not in self._attached]
+        if missing and level == OK:
+            level, message = WARN, _missing(listed(missing))
+        if self._unknown and level == OK:
+            level, message = WARN, _not_recorded(listed(sorted(self._unknown)))
         values = {
             "file": str(self.folder / RUN_NAME),
             "written [MB]": f"{state.bytes_written / 1e6:.1f}",
@@ -324,6 +330,18 @@ class RecorderNode(CountingNode):
             "files": ", ".join(sorted(self._attached)) or "none yet",
         }
         return Health(level=level, message=message, values=values)
+
+
+def _missing(files: Words) -> Words:
+    return keyed(
+        "said.files_missing",
+        "not in the recording, which cannot be solved without: {files}",
+        files=files,
+    )
+
+
+def _not_recorded(names: Words) -> Words:
+    return keyed("said.not_recorded", "not recorded: {names}", names=names)
 
 
 def _lost(count: int) -> Words:

@@ -7,6 +7,7 @@ does; then messages are refused as a whole, counted and told at once.
 import os
 import threading
 import time
+import traceback
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -225,9 +226,16 @@ class Recorder:
             reason = self._write_until_stopped()
         except OSError as error:
             reason = f"{error.strerror} while writing {self._writer.unfinished}"
-            self._trouble = _has_ended(verbatim(reason))
-            self._tell(f"{self._trouble}. What was written until now is kept.")
+            self._tell_end(reason)
+        except Exception as error:  # a thread that dies unseen would go on saying that all is well
+            traceback.print_exc()
+            reason = f"{type(error).__name__} while writing: {error}"
+            self._tell_end(reason)
         self._end(reason)
+
+    def _tell_end(self, reason: str) -> None:
+        self._trouble = _has_ended(verbatim(reason))
+        self._tell(f"{self._trouble}. What was written until now is kept.")
 
     def _write_until_stopped(self) -> str:
         flushed_s = watched_s = time.monotonic()
@@ -317,6 +325,12 @@ class Recorder:
             self._failure = error
             self._trouble = of_error(error)
             self._tell(str(error))
+        except Exception as error:
+            traceback.print_exc()
+            text = f"The recording could not be closed: {type(error).__name__}: {error}."
+            self._failure = OmmError(text)
+            self._trouble = verbatim(text)
+            self._tell(text)
 
     def _flush_before_counting(self) -> None:
         try:

@@ -261,7 +261,7 @@ def _ahead(
                 if not put(message):
                     return
             put(None)
-        except InputError as error:
+        except Exception as error:  # raised by who waits for the next message
             put(error)
 
     thread = threading.Thread(target=read, name="reading ahead")

@@ -2,11 +2,17 @@
 
 import os
 import pty
+import threading
+from collections.abc import Iterator
 
 import pytest
 
 from omm_recorder.keyboard import RIGHT, SPACE, UP, Keyboard
 from omm_recorder.playback import PlaybackClock
+
+pytest.importorskip("rclpy", reason="ROS 2 is not there")
+
+from omm_recorder.replay import _ahead
 
 S = 1_000_000_000
 
@@ -99,3 +105,14 @@ def test_without_a_terminal_there_are_no_keys(monkeypatch: pytest.MonkeyPatch) -
         with Keyboard() as keys:
             assert not keys.present
             assert keys.key(0.0) is None
+
+
+def test_a_defect_while_reading_ahead_ends_the_replay_instead_of_keeping_it_waiting() -> None:
+    def messages() -> Iterator[object]:
+        yield "first"
+        raise KeyError("a defect")
+
+    taken = _ahead(messages(), threading.Event())  # type: ignore[arg-type]
+    assert next(taken) == "first"
+    with pytest.raises(KeyError, match="a defect"):
+        next(taken)

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from omm_core.errors import OmmError
 from omm_recorder.counting import TopicTally
 from omm_recorder.recorder import Limits, Recorder
 from omm_recording.inspecting import inspect
@@ -166,3 +167,33 @@ def test_what_was_published_before_the_recorder_came_is_not_missing() -> None:
     tally.announce(42, 2.0)
     tally.end(1.5)
     assert tally.missing_at_end == 2
+
+
+def test_whatever_ends_the_writing_thread_is_told_and_what_was_written_is_kept(
+    recorder: Recorder, samples: Any, told: list[str]
+) -> None:
+    assert put(recorder, samples[0])
+    wait_until(lambda: recorder.state().queue_bytes == 0)
+
+    def breaks(writer: RecordingWriter) -> None:
+        raise KeyError("a defect")
+
+    recorder._enqueue(0, breaks)
+    wait_until(lambda: not recorder.state().recording)
+    assert "KeyError" in recorder.state().trouble
+    assert any("KeyError" in text for text in told)
+    assert not put(recorder, samples[1])
+    summary = inspect(recorder.stop())
+    assert sum(topic.messages or 0 for topic in summary.topics) == 1
+
+
+def test_a_recording_that_cannot_be_closed_is_an_error_for_who_stops_it(
+    recorder: Recorder, told: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def close(report: object) -> None:
+        raise RuntimeError("a defect")
+
+    monkeypatch.setattr(recorder._writer, "close", close)
+    with pytest.raises(OmmError, match="could not be closed: RuntimeError: a defect"):
+        recorder.stop()
+    assert any("could not be closed" in text for text in told)

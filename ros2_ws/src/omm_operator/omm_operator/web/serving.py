@@ -88,6 +88,8 @@ class ServerThread:
         self._ended = asyncio.Event()
         self._ready = threading.Event()
         self._thread = threading.Thread(target=self._run, name="page", daemon=True)
+        self.failure: Exception | None = None
+        """What ended the thread before it was closed."""
 
     def start(self) -> None:
         """Start; returns when the server takes requests."""
@@ -112,6 +114,8 @@ class ServerThread:
         asyncio.set_event_loop(self._loop)
         try:
             self._loop.run_until_complete(self._serve())
+        except Exception as error:
+            self.failure = error
         finally:
             self._loop.close()
             self._ready.set()

@@ -30,6 +30,8 @@ class TruePoseListener:
         move_part: Callable[[RigidTransform], None],
     ) -> None:
         self._add, self._move_part = add, move_part
+        self.failure = ""
+        """Why it no longer listens; empty while it does."""
         self._context = context = camera.context
         # A node of its own, as an executor serves whole nodes. The remapping of the camera's name
         # is not meant for it; where the topic is, the camera knows.
@@ -61,9 +63,9 @@ class TruePoseListener:
             self._executor.spin()
         except ExternalShutdownException:
             pass  # Ctrl-C
-        except (RCLError, InvalidHandle):
-            if self._context.ok():
-                raise
+        except Exception as error:
+            if not (isinstance(error, RCLError | InvalidHandle) and not self._context.ok()):
+                self.failure = f"The simulated machine is no longer heard: {error}"
 
     def _on_pose(self, message: PoseStamped) -> None:
         self._add(stamp_ns(message.header.stamp), transform_from_pose(message.pose))

@@ -288,7 +288,7 @@ class MultipartReader:
             self._parts.put(error)
         except TimeoutError:
             self._parts.put(DeviceError(f"MTConnect: the agent is silent for {SILENCE_S:g} s."))
-        except (OSError, http.client.HTTPException, ValueError, AttributeError) as error:
+        except Exception as error:  # whatever it is, who reads must hear of it
             self._parts.put(DeviceError(f"MTConnect: the stream broke ({error})."))
         finally:
             self._response.close()
