@@ -82,7 +82,7 @@ def campaign_figure(campaign: Campaign) -> Figure:
     """Draw each quantity by clamping, about its mean, with ± 2 predicted σ."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(10, 7.5), layout="constrained")
+    figure = Figure(figsize=(10, 6.1), layout="constrained")
     plots = figure.subplots(4, 2, sharex=True).ravel()
     numbers = {c: i for i, c in enumerate(sorted({m.clamping for m in campaign.measured}), 1)}
     at = [numbers[m.clamping] for m in campaign.measured]
@@ -96,10 +96,16 @@ def campaign_figure(campaign: Campaign) -> Figure:
         plot.axhspan(-limit, limit, color="tab:green", alpha=0.15)
         plot.plot(at, values * one.scale, ".", markersize=3)
         plot.set_ylabel(f"{one.symbol}, {one.unit}", fontsize=8)
+        plot.xaxis.get_major_locator().set_params(integer=True)
         plot.tick_params(labelsize=7)
+    # The last of eight is empty: the one above it carries the axis.
     for plot in plots[-3:-1]:
         plot.set_xlabel("clamping", fontsize=8)
+        plot.tick_params(labelbottom=True)
     plots[-1].set_axis_off()
+    known = all(m.truth is not None for m in campaign.measured)
+    what = "errors" if known else "deviations from the mean"
+    figure.suptitle(f"{what}, each measurement; band: ± 2 σ as predicted", fontsize=9)
     return figure
 
 
@@ -119,10 +125,10 @@ def probing_figure(check: ProbingCheck) -> Figure:
         plot.axhline(0.0, color="0.8", linewidth=0.8)
         plot.set_ylabel(f"{'XYZ'[axis]}, µm", fontsize=8)
         plot.tick_params(labelsize=7)
-    plot.set_xticks(*_labels([point.name for point in check.points]), rotation=90, fontsize=6)
+    plot.set_xticks(*_labels([point.name for point in check.points]), rotation=90, fontsize=8)
     return figure
 
 
 def _labels(names: Sequence[str]) -> tuple[list[int], list[str]]:
-    step = max(1, len(names) // 60)
+    step = max(1, -(-len(names) // 40))
     return list(range(0, len(names), step)), list(names[::step])

@@ -73,7 +73,9 @@ def campaign_document(campaign: Campaign, source: str, *, beside_paper: bool = F
     widths = (2.2, *[1.0] * 7)
     document.table(two_sigma_rows(campaign, beside_paper=beside_paper), widths=widths)
     document.heading("Analysis of variance")
-    document.table(analysis_rows(campaign))
+    document.table(
+        analysis_rows(campaign), widths=(0.6, 0.9, 1.1, 1.2, 1.2, 1.3, 0.9, 0.8, 0.8, 0.9)
+    )
     for line in campaign_verdicts(campaign):
         document.paragraph(line)
     what = "Errors" if campaign.measured[0].truth is not None else "Deviations from the mean"

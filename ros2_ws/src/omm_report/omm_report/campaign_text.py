@@ -98,6 +98,11 @@ def verdict_lines(campaign: Campaign) -> list[str]:
                 f"{quantity.symbol}: {one.capability.verdict} for T = {width:g} {quantity.unit}"
                 f" (Cg {one.capability.cg:.2f}, Q_MP {one.capability.q_mp:.1%})"
             )
+    if all(one.capability is None for one in campaign.quantities):
+        lines.append(
+            "Without a tolerance (part.yaml's, or tolerance_mm in campaign.yaml) there is no Cg,"
+            " Cgk and %GRR"
+        )
     drifts = campaign.findings or ("no drift at 1 %",)
     return [*lines, *drifts]
 
