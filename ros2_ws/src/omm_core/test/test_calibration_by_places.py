@@ -131,6 +131,40 @@ def test_a_wrong_image_is_left_out_and_named():
     assert any("17" in words for words in result.findings)
 
 
+def test_a_sixth_of_the_images_may_be_wrong_by_anything():
+    places = places_before(TRUTH)
+    good = calibrate(TRUTH, places, 3)
+    rng = np.random.default_rng(8)
+    wrong = rng.choice(len(places), len(places) // 6, replace=False)
+    pixels = np.array([o.pixel for o in good.observations])
+    pixels[wrong] += rng.normal(0, 300, (len(wrong), 2))
+    result = calibrate(TRUTH, places, 3, pixels=pixels)
+    assert {int(o.image) for o in result.observations if o.reason} == set(wrong.tolist())
+    error = result.camera - TRUTH
+    assert np.abs(error / np.sqrt(np.diag(result.covariance))).max() < 4.5
+
+
+def test_a_camera_that_moved_is_refused_with_the_image_and_the_way():
+    places = places_before(TRUTH)
+    before = calibrate(TRUTH, places, 3)
+    pixels = np.array([o.pixel for o in before.observations])
+    moved = TRUTH.copy()
+    moved[7] += 0.03
+    pixels[50:] += (
+        project_with_derivatives(SENSOR, moved, places[50:, None])[0]
+        - project_with_derivatives(SENSOR, TRUTH, places[50:, None])[0]
+    )
+    with pytest.raises(MeasurementError, match=r"between image 49 and 50 .* about 0\.0[23]"):
+        calibrate(TRUTH, places, 3, pixels=pixels)
+
+
+def test_images_and_places_that_are_mixed_up_are_refused():
+    places = places_before(TRUTH)
+    pixels = np.array([o.pixel for o in calibrate(TRUTH, places, 3).observations])
+    with pytest.raises(MeasurementError):
+        calibrate(TRUTH, places, 3, pixels=np.roll(pixels, 1, axis=0))
+
+
 @pytest.mark.parametrize(
     ("places", "words"),
     [

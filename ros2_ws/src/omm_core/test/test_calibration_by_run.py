@@ -1,5 +1,7 @@
 """Calibration in the machine: the truth is found, and what the set leaves open is told."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -27,12 +29,20 @@ Z = PARAMETERS.index("z_mm")
 
 
 def simulated(
-    seed, turns=(0.0, 90.0, 180.0, 270.0), heights=(170, 300, 450), sides=(-1, 1), nominal=NOMINAL
+    seed,
+    turns=(0.0, 90.0, 180.0, 270.0),
+    heights=(170, 300, 450),
+    sides=(-1, 1),
+    nominal=NOMINAL,
+    place=None,
 ):
     """A run over a plate; returns observations, the nominal part, the true height of target 1."""
     rng = np.random.default_rng(seed)
     true = nominal + rng.normal(0, SIGMA_TARGET, nominal.shape)
     centre = MACHINE_T_PLATE @ np.zeros(3)
+    stands = RigidTransform.from_euler_xyz_rad(
+        *MACHINE_T_PLATE.euler_xyz_rad(), centre if place is None else place
+    )
     seen = []
     for number, (turn, height, side) in enumerate(
         (t, h, s) for h in heights for t in turns for s in sides
@@ -43,7 +53,7 @@ def simulated(
         stood = told.translation_mm + rng.normal(0, SIGMA_STOP, 3)
         for target, point in enumerate(true, start=1):
             outline = circle_points(point[None], np.array([[0, 0, 1.0]]), np.array([6.0]))[0]
-            in_taper = (MACHINE_T_PLATE @ outline - stood) @ told.rotation
+            in_taper = (stands @ outline - stood) @ told.rotation
             pixel = project_with_derivatives(SENSOR, TRUTH, in_taper[None])[0][0]
             if np.isfinite(pixel).all() and np.all((pixel > 30) & (pixel < [2560, 1910])):
                 seen.append(
@@ -129,6 +139,36 @@ def test_what_is_assumed_is_the_hint_where_there_is_one():
     result = calibrate_by_run(SENSOR, seen, part, machine_sigma_mm=SIGMA_STOP, hint=hint)
     assert result.camera[Z] == -315.0
     assert np.sqrt(result.covariance[Z, Z]) == pytest.approx(10.0, rel=1e-3)
+
+
+def displaced(seen, pixels, of):
+    return [dataclasses.replace(o, center_px=o.center_px + pixels(o)) if of(o) else o for o in seen]
+
+
+def test_a_plate_that_moved_is_refused_with_the_image_and_the_way():
+    before, part, _ = simulated(2)
+    after, _, _ = simulated(2, place=(400.03, 250.0, 190.0))
+    seen = [o for o in before if o.stamp_ns < 15] + [o for o in after if o.stamp_ns >= 15]
+    with pytest.raises(MeasurementError, match=r"moved between image 14 and image 15 .* 0\.03"):
+        calibrate_by_run(SENSOR, seen, part, machine_sigma_mm=SIGMA_STOP)
+
+
+def test_an_image_that_is_not_of_the_set_and_single_dots_are_left_out_and_named():
+    seen, part, height = simulated(2)
+    rng = np.random.default_rng(5)
+    seen = displaced(seen, lambda o: rng.normal(0, 300, 2), lambda o: o.stamp_ns == 9)
+    one = next(o.target_id for o in seen if o.stamp_ns == 20)
+    seen = displaced(
+        seen, lambda o: np.array([1.0, -0.5]), lambda o: (o.stamp_ns, o.target_id) == (20, one)
+    )
+    touch = Touched(target=1, z_mm=height, sigma_mm=0.005)
+    result = calibrate_by_run(SENSOR, seen, part, machine_sigma_mm=SIGMA_STOP, touched=touch)
+    left_out = [o for o in result.observations if o.reason]
+    assert {o.image for o in left_out} == {"9", "20"}
+    assert any("image 9 is not of the set" in words for words in result.findings)
+    assert any(f"target {one} in image 20" in words for words in result.findings)
+    error = result.camera - TRUTH
+    assert np.abs(error / np.sqrt(np.diag(result.covariance))).max() < 4.5
 
 
 def test_a_touched_target_that_is_not_seen_is_refused():

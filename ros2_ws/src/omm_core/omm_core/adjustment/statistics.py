@@ -46,7 +46,7 @@ test_observations.__test__ = False  # type: ignore[attr-defined]
 def _block_tests(block: Block, solution: Solution) -> ObservationTests:
     derivatives = solution.derivatives[block.name]
     residual = solution.residuals[block.name]
-    known = _predicted_covariance(block, derivatives, solution)
+    known = predicted_covariance(block, derivatives, solution)
     weights = block.weights()
     identity = np.eye(residual.shape[1])
     redundancy = np.einsum("mii->mi", identity - known @ weights)
@@ -62,7 +62,7 @@ def _block_tests(block: Block, solution: Solution) -> ObservationTests:
     return ObservationTests(redundancy=redundancy, w=w, t2=t2)
 
 
-def _predicted_covariance(block: Block, derivatives: dict[str, Array], solution: Solution) -> Array:
+def predicted_covariance(block: Block, derivatives: dict[str, Array], solution: Solution) -> Array:
     """Return A Q Aᵀ of each observation, (m, d, d)."""
     m, d = block.observed.shape
     columns = []

@@ -6,12 +6,15 @@ J Σ Jᵀ): the same as if its three coordinates were unknowns that were observe
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_core.adjustment import Block, Group, Problem, Solution, solve, test_observations
+from omm_core.adjustment import Block, Group, Problem, Solution, solve
 from omm_core.adjustment.problem import Values
 from omm_core.camera_calibration.model import PARAMETERS, Sensor, project_with_derivatives
+from omm_core.camera_calibration.moving import moved_while_taken
 from omm_core.camera_calibration.openness import (
     camera_information,
     open_directions,
@@ -20,18 +23,20 @@ from omm_core.camera_calibration.openness import (
 )
 from omm_core.camera_calibration.result import CalibrationResult, Observation, require_determined
 from omm_core.camera_calibration.start import start_from_places
+from omm_core.camera_calibration.weeding import robust_inflation, weed
 from omm_core.errors import MeasurementError
 from omm_core.imaging.circle import circle_points
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# w-test: one in a million of good observations is refused.
-_LARGEST_T2 = 27.6
 # Chi-square of 13 degrees of freedom that one good set in a thousand exceeds.
 _LARGEST_HALVES = 34.5
 # Sizes (openness.py) within which a camera is held to its start until it is known to be closed.
 _LOOSE = 10.0
+_ROBUST_ROUNDS = 8
+# An image farther than this from where the robust start has it is not used to begin with.
+_ASTRAY_PX = 10.0
 
 
 def calibrate_by_places(
@@ -73,27 +78,23 @@ def calibrate_by_places(
     if 2 * n < len(PARAMETERS) + 3:
         raise MeasurementError(f"Expected at least 8 images of the dot, got {n}. Take more.")
     outlines = circle_points(places, np.tile(normal, (n, 1)), np.full(n, dot_diameter_mm))
-    used = np.ones(n, dtype=bool)
     starts = start_from_places(sensor, places, pixels)
     camera = _best_start(sensor, outlines, pixels, starts if hint is None else [*starts, hint])
-    camera = _closed(sensor, outlines, pixels, covariance_px2, sigma_xyz_mm, camera)
-    while True:
-        problem, solution = _adjust(
-            sensor, outlines, pixels, covariance_px2, sigma_xyz_mm, used, camera
-        )
-        camera = solution.values["camera"][0]
-        t2 = test_observations(problem, solution)["pixels"].t2
-        # Judged against what the set itself shows, where that is more than what was promised.
-        scale = max(float(np.median(t2[used])) / 1.386, 1.0)
-        worst = int(np.argmax(np.where(used, t2, 0.0)))
-        if t2[worst] / scale < _LARGEST_T2 or used.sum() < max(0.8 * n, 9):
-            break
-        used[worst] = False
+    used = _at_hand(sensor, camera, outlines, pixels)
+    camera = _closed(sensor, outlines, pixels, covariance_px2, sigma_xyz_mm, used, camera)
+    near = camera
+
+    def adjust(used: Mask) -> tuple[Problem, Solution]:
+        return _adjust(sensor, outlines, pixels, covariance_px2, sigma_xyz_mm, used, near)
+
+    refuse = partial(_refuse_moved, images)
+    weeded = weed(adjust, np.arange(n), used, least=9, refuse_moved=refuse)
+    solution, used = weeded.solution, weeded.used
+    camera = solution.values["camera"][0]
     require_determined(sensor, solution)
     halves = _halves(
         sensor, outlines, pixels, covariance_px2, sigma_xyz_mm, used, camera, solution.sigma0
     )
-    reason = "does not fit the others (w-test)"
     return CalibrationResult(
         sensor=sensor,
         camera=camera,
@@ -106,7 +107,7 @@ def calibrate_by_places(
                 image=images[i],
                 pixel=pixels[i],
                 residual_px=-solution.residuals["pixels"][i],
-                reason=None if used[i] else reason,
+                reason=weeded.reasons[i],
             )
             for i in range(n)
         ),
@@ -153,17 +154,40 @@ def _adjust(
     return problem, solution
 
 
+def _at_hand(sensor: Sensor, camera: Array, outlines: Array, pixels: Array) -> Mask:
+    """Return which images are near where a robust start has them; all where most are not."""
+    away = np.linalg.norm(pixels - project_with_derivatives(sensor, camera, outlines)[0], axis=1)
+    near = np.asarray(away < max(_ASTRAY_PX, 5 * float(np.median(away))))
+    return near if near.mean() >= 0.8 else np.ones(len(pixels), dtype=bool)
+
+
+def _refuse_moved(images: list[str], problem: Problem, solution: Solution) -> None:
+    """Raise MeasurementError where the camera stood elsewhere from some image on."""
+    (block,) = problem.blocks
+    by_pose = solution.derivatives["pixels"]["camera"][:, :, 7:]
+    moved = moved_while_taken(block, solution, by_pose, np.arange(len(images)))
+    if moved is None:
+        return
+    turn, shift = np.linalg.norm(moved.step[3:]), np.linalg.norm(moved.step[:3])
+    raise MeasurementError(
+        f"Something moved between image {images[moved.first - 1]} and {images[moved.first]}"
+        f" (number {moved.first} and {moved.first + 1} of {len(images)}): the camera, by about"
+        f" {shift:.3f} mm and {1000 * turn:.2f} mrad, or the axes of the CMM. Clamp it, and take"
+        " the set again."
+    )
+
+
 def _closed(
     sensor: Sensor,
     outlines: Array,
     pixels: Array,
     covariance_px2: Array,
     sigma_xyz_mm: float,
+    used: Mask,
     camera: Array,
 ) -> Array:
     """Return the camera held loosely near a start; raise MeasurementError where it is open."""
     size = sizes(sensor, camera[0])
-    used = np.ones(len(pixels), dtype=bool)
     problem, solution = _adjust(
         sensor, outlines, pixels, covariance_px2, sigma_xyz_mm, used, camera, _LOOSE * size
     )
@@ -227,6 +251,17 @@ def _best_start(sensor: Sensor, outlines: Array, pixels: Array, starts: list[Arr
     points = outlines.mean(axis=1, keepdims=True)
     wide = np.tile(np.eye(2), (len(pixels), 1, 1))
 
+    def fitted(camera: Array, hold: Mask, inflation: Array) -> Solution:
+        block = Block(
+            name="pixels",
+            observed=pixels,
+            covariance=wide * inflation[:, None, None],
+            index={"camera": np.zeros(len(pixels), dtype=int)},
+            evaluate=evaluate,
+        )
+        group = Group(name="camera", values=camera[None], held=hold)
+        return solve(Problem(groups=(group,), blocks=(block,)), iterations=10)
+
     def evaluate(values: Values) -> tuple[Array, dict[str, Array]]:
         centres, by_camera, _ = project_with_derivatives(sensor, values["camera"][0], points)
         return centres, {"camera": by_camera}
@@ -237,17 +272,16 @@ def _best_start(sensor: Sensor, outlines: Array, pixels: Array, starts: list[Arr
         if not seen.all():
             continue
         camera = start
-        for hold in (held, np.zeros_like(held)):
-            block = Block(
-                name="pixels",
-                observed=pixels,
-                covariance=wide,
-                index={"camera": np.zeros(len(pixels), dtype=int)},
-                evaluate=evaluate,
-            )
-            group = Group(name="camera", values=camera[None], held=hold)
-            solution = solve(Problem(groups=(group,), blocks=(block,)), iterations=30)
+        inflation, before = np.ones(len(pixels)), np.inf
+        for hold in (held, *[np.zeros_like(held)] * _ROBUST_ROUNDS):
+            solution = fitted(camera, hold, inflation)
             camera = solution.values["camera"][0]
+            residuals = solution.residuals["pixels"]
+            away = np.linalg.norm(residuals, axis=1)
+            if hold is not held and (away.max() < 1.0 or np.median(away) > 0.98 * before):
+                break
+            before = np.inf if hold is held else float(np.median(away))
+            inflation = robust_inflation(residuals)
         left = float(np.median(np.linalg.norm(solution.residuals["pixels"], axis=1)))
         found.append((left, camera))
         if left < 1.0:

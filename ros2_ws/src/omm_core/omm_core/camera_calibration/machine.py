@@ -11,14 +11,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_core.adjustment import Solution, solve, test_observations
+from omm_core.adjustment import Problem, Solution, solve
 from omm_core.camera_calibration.machine_run import PlateRun, plate_problem, plate_run
 from omm_core.camera_calibration.machine_start import start_from_run
 from omm_core.camera_calibration.model import PARAMETERS, Sensor
+from omm_core.camera_calibration.moving import moved_while_taken
 from omm_core.camera_calibration.openness import (
     camera_information,
     open_directions,
@@ -30,6 +32,7 @@ from omm_core.camera_calibration.result import (
     Observation,
     require_determined,
 )
+from omm_core.camera_calibration.weeding import Weeded, robust_inflation, weed
 from omm_core.errors import MeasurementError
 from omm_core.files.calibration_set import Touched
 from omm_core.files.part import Part
@@ -39,7 +42,6 @@ from omm_core.part_pose import Observation as Seen
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_LARGEST_T2 = 27.6  # w-test: one in a million of good observations is refused
 # What is assumed of a camera's place that a set leaves open: within this of the hint, or of the
 # spindle's axis (x, y) and nose (z).
 ASSUMED_SIGMA_MM = {"x_mm": 10.0, "y_mm": 10.0, "z_mm": 500.0}
@@ -47,6 +49,9 @@ _HINTED_SIGMA_MM = 10.0
 # What the camera is held to its start within, until it is known what is open: sizes, and mm.
 _LOOSE, _LOOSE_PLACE_MM = 10.0, (100.0, 100.0, 1000.0)
 _PLACE = slice(7, 10)
+_ROBUST_ROUNDS = 8
+# A dot farther than this from where the robust start has it is not used to begin with.
+_ASTRAY_PX = 10.0
 
 
 def calibrate_by_run(
@@ -83,38 +88,44 @@ def calibrate_by_run(
     """
     run = plate_run(sensor, seen, part, machine_sigma_mm, touched)
     camera, plate = start_from_run(sensor, run.seen, part, hint)
-    used = np.ones(len(run.pixels), dtype=bool)
-    values = _near({"camera": camera[None], "plate": plate[None]}, run, used)
+    values, used = _near({"camera": camera[None], "plate": plate[None]}, run)
     information, opened = _opened(run, used, values)
     assumed = _assumed(opened, hinted=hint is not None)
     values = _placed(run, values, tuple(assumed), hint)
-    while True:
+    least = len(PARAMETERS)
+
+    def adjust(used: Mask) -> tuple[Problem, Solution]:
         problem = plate_problem(run, used, values, held=tuple(assumed))
-        solution = solve(problem)
-        t2 = test_observations(problem, solution)["pixels"].t2
-        scale = max(float(np.median(t2[used])) / 1.386, 1.0)
-        worst = int(np.argmax(np.where(used, t2, 0.0)))
-        if t2[worst] / scale < _LARGEST_T2 or used.sum() < 0.8 * len(used):
-            break
-        used[worst] = False
-        values = {name: solution.values[name] for name in ("camera", "plate")}
+        return problem, solve(problem)
+
+    weeded = weed(adjust, run.stop_of, used, least=least, refuse_moved=partial(_refuse_moved, run))
+    _refuse_tail(run, weeded)
+    solution, used = weeded.solution, weeded.used
     require_determined(sensor, solution)
-    result = _result(run, solution, used, assumed)
+    result = _result(run, weeded, assumed)
     carried = _carried(information, tuple(assumed))
     assumption = carried @ np.diag([sigma**2 for sigma in assumed.values()]) @ carried.T
     return replace(result, covariance=result.covariance + assumption)
 
 
-def _near(values: dict[str, Array], run: PlateRun, used: Mask) -> dict[str, Array]:
-    """Return a camera and a plate that fit about, whatever the set leaves open."""
+def _near(values: dict[str, Array], run: PlateRun) -> tuple[dict[str, Array], Mask]:
+    """Return a camera and a plate that fit about, whatever the set leaves open, and what fits."""
     loose = _LOOSE * sizes(run.sensor, float(values["camera"][0, 0]))
     loose[_PLACE] = _LOOSE_PLACE_MM
-    for coarse in (True, False):
-        held = ("z_mm",) if coarse else ()
-        problem = plate_problem(run, used, values, held=held, loose=loose, coarse=coarse)
-        found = solve(problem, iterations=30).values
-        values = {name: found[name] for name in ("camera", "plate")}
-    return values
+    used = np.ones(len(run.pixels), dtype=bool)
+    inflation = np.ones(len(run.pixels))
+    for _ in range(_ROBUST_ROUNDS):
+        problem = plate_problem(run, used, values, held=("z_mm",), loose=loose, coarse=inflation)
+        solution = solve(problem, iterations=30)
+        values = {name: solution.values[name] for name in ("camera", "plate")}
+        away = np.linalg.norm(solution.residuals["pixels"], axis=1)
+        if away.max() < _ASTRAY_PX:
+            break
+        inflation = robust_inflation(solution.residuals["pixels"])
+    near = away < max(_ASTRAY_PX, 5 * float(np.median(away)))
+    used = near if near.mean() >= 0.8 else used
+    found = solve(plate_problem(run, used, values, loose=loose), iterations=30).values
+    return {name: found[name] for name in ("camera", "plate")}, used
 
 
 def _opened(
@@ -169,9 +180,8 @@ def _carried(information: Array, names: tuple[str, ...]) -> Array:
     return carried
 
 
-def _result(
-    run: PlateRun, solution: Solution, used: Mask, assumed: dict[str, float]
-) -> CalibrationResult:
+def _result(run: PlateRun, weeded: Weeded, assumed: dict[str, float]) -> CalibrationResult:
+    solution = weeded.solution
     camera = solution.values["camera"][0].copy()
     factor = max(solution.sigma0, 1.0) ** 2
     covariance = solution.covariance_of("camera") * factor
@@ -194,7 +204,7 @@ def _result(
                 target_id=o.target_id,
                 pixel=run.pixels[i],
                 residual_px=-solution.residuals["pixels"][i],
-                reason=None if used[i] else "does not fit the others (w-test)",
+                reason=weeded.reasons[i],
             )
             for i, o in enumerate(run.seen)
         ),
@@ -202,13 +212,49 @@ def _result(
         covered_mm=(float(depth.min()), float(depth.max())),
         undetermined=tuple(name for name in PARAMETERS if name in assumed),
     )
-    return replace(result, findings=_findings(run, solution, used, assumed))
+    return replace(result, findings=_findings(run, weeded, assumed))
 
 
-def _findings(
-    run: PlateRun, solution: Solution, used: Mask, assumed: dict[str, float]
-) -> tuple[str, ...]:
-    found = []
+def _refuse_moved(run: PlateRun, problem: Problem, solution: Solution) -> None:
+    """Raise MeasurementError where the plate stood elsewhere from some image on."""
+    block = next(b for b in problem.blocks if b.name == "pixels")
+    by_plate = solution.derivatives["pixels"]["plate"]
+    moved = moved_while_taken(block, solution, by_plate, run.stop_of)
+    if moved is None:
+        return
+    turn, shift = np.linalg.norm(moved.step[:3]), np.linalg.norm(moved.step[3:])
+    raise MeasurementError(
+        f"The plate moved between {_between(run, moved.first)}, by about {shift:.3f} mm and"
+        f" {1000 * turn:.2f} mrad, or the camera in its holder. Clamp both, and take the set again."
+    )
+
+
+def _refuse_tail(run: PlateRun, weeded: Weeded) -> None:
+    """Raise MeasurementError where all from some image on, or all before it, does not fit."""
+    out, count = weeded.whole_images, len(run.places)
+    if len(out) > 1 and out in (tuple(range(len(out))), tuple(range(count - len(out), count))):
+        first = len(out) if out[0] == 0 else out[0]
+        raise MeasurementError(
+            f"The plate moved between {_between(run, first)}, or the camera in its holder: the"
+            " images before and after it contradict each other. Clamp both, and take the set again."
+        )
+
+
+def _between(run: PlateRun, first: int) -> str:
+    stamps = sorted({o.stamp_ns for o in run.seen})
+    return (
+        f"image {stamps[first - 1]} and image {stamps[first]} (number {first} and {first + 1} of"
+        f" {len(stamps)})"
+    )
+
+
+def _findings(run: PlateRun, weeded: Weeded, assumed: dict[str, float]) -> tuple[str, ...]:
+    solution, used = weeded.solution, weeded.used
+    stamps = sorted({o.stamp_ns for o in run.seen})
+    found = [
+        f"image {stamps[i]} is not of the set (all of it contradicts the others): left out"
+        for i in weeded.whole_images
+    ]
     for name, sigma in assumed.items():
         value = solution.values["camera"][0, PARAMETERS.index(name)]
         words = (
@@ -220,10 +266,11 @@ def _findings(
             else "take images with the spindle turned (C) as well"
         )
         found.append(f"{words}: {why}")
-    if not used.all():
-        dropped = [run.seen[i] for i in np.flatnonzero(~used)[:5]]
+    single = ~used & ~np.isin(run.stop_of, weeded.whole_images)
+    if single.any():
+        dropped = [run.seen[i] for i in np.flatnonzero(single)[:5]]
         names = ", ".join(f"target {o.target_id} in image {o.stamp_ns}" for o in dropped)
-        found.append(f"{(~used).sum()} observations do not fit and are left out: {names}")
+        found.append(f"{single.sum()} observations do not fit and are left out: {names}")
     if solution.sigma0 > 1.3:
         found.append(
             f"residuals are {solution.sigma0:.2f} times what was promised; the covariance is"

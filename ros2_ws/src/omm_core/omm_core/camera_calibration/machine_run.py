@@ -116,7 +116,7 @@ def plate_problem(
     *,
     held: tuple[str, ...] = (),
     loose: Array | None = None,
-    coarse: bool = False,
+    coarse: Array | None = None,
 ) -> Problem:
     """Return the problem of camera, plate, targets and stops.
 
@@ -129,10 +129,11 @@ def plate_problem(
         Parameters of the camera that are kept.
     loose : (13,) array, optional
         Sigma within which the camera is held to its start.
-    coarse : bool
-        Pixels count little, so that what the start gets wrong bends nothing else.
+    coarse : (N,) array, optional
+        Variances to count the pixels with, px², without the touch: where the start may be wrong,
+        or some of the pixels, they bend nothing else.
     """
-    n, zeros = len(run.pixels), np.zeros(len(run.pixels), dtype=int)
+    zeros = np.zeros(len(run.pixels), dtype=int)
     keep = np.array([[name in held for name in PARAMETERS]])
     prior = None if loose is None else loose[None]
     groups = (
@@ -148,13 +149,13 @@ def plate_problem(
     pixels = Block(
         name="pixels",
         observed=run.pixels,
-        covariance=np.tile(np.eye(2), (n, 1, 1)) if coarse else run.covariance_px2,
+        covariance=run.covariance_px2 if coarse is None else coarse[:, None, None] * np.eye(2),
         index={"camera": zeros, "plate": zeros, "targets": run.target_of, "stops": run.stop_of},
         evaluate=lambda v: _predict(run, v),
         used=used,
     )
     blocks = [pixels]
-    if run.touched is not None and not coarse:
+    if run.touched is not None and coarse is None:
         blocks.append(_touched_block(run, run.touched))
     return Problem(groups=groups, blocks=tuple(blocks))
 

@@ -17,6 +17,7 @@ from omm_core.adjustment import Problem
 from omm_core.adjustment.normal_equations import linearise
 from omm_core.adjustment.problem import Values
 from omm_core.camera_calibration.model import PARAMETERS, Sensor
+from omm_core.errors import MeasurementError
 
 Array = NDArray[np.float64]
 
@@ -69,8 +70,18 @@ def open_directions(information: Array, size: Array) -> list[tuple[str, ...]]:
         Inverse covariance of the camera, singular where it is open.
     size : (13,) array
         See :func:`sizes`.
+
+    Raises
+    ------
+    MeasurementError
+        Where the observations cannot be predicted.
     """
     scaled = information * np.outer(size, size)
+    if not np.isfinite(scaled).all():
+        raise MeasurementError(
+            "No camera fits the set. Check which image belongs to which place, the axes of the"
+            " places (taper frame) and the size of the sensor."
+        )
     values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
     null = vectors[:, values < 1.0]
     count = null.shape[1]
