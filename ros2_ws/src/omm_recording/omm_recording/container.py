@@ -22,7 +22,6 @@ LARGEST_CHUNK = 512 << 20
 MAGIC = b"\x89MCAP0\r\n"
 PREFIX = struct.Struct("<BQ")
 MESSAGE = struct.Struct("<HIQQ")
-FOOTER_SIZE = PREFIX.size + 20
 # Times of the first and last message, uncompressed size, checksum.
 CHUNK = struct.Struct("<QQQI")
 

@@ -20,8 +20,6 @@ PART_OF_TOLERANCE = 0.2
 ENOUGH_CG = 1.33
 # VDA 5: capability ratios of a measuring process, 2 U / T.
 LARGEST_Q_MP = 0.30
-# AIAG MSA: a gauge below 10 % is good, above 30 % not acceptable.
-GOOD_GRR, LARGEST_GRR = 0.10, 0.30
 SIGNIFICANCE = 0.01
 
 

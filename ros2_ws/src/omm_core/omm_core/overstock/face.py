@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from omm_core.overstock.triangles import TriangleIndex, barycentric, triangle_normals
 
 Array = NDArray[np.float64]
-ROUND = ("cylinder", "cone", "sphere", "torus")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

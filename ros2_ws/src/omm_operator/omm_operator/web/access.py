@@ -13,7 +13,6 @@ import secrets
 from collections import OrderedDict, deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from urllib.parse import urlsplit
 
 from omm_operator.screen.commands import ROLES
 from omm_operator.screen.desk import Asker
@@ -56,11 +55,6 @@ class Hosts:
         if not origin or not host or not self.knows(host):
             return False
         return origin.lower() == f"{self._scheme}://{host.lower()}"
-
-    def knows_origin(self, origin: str | None) -> bool:
-        """Return whether an Origin header is one of ours by itself."""
-        parts = urlsplit(origin or "")
-        return parts.scheme == self._scheme and self.knows(parts.netloc)
 
 
 def _split(host: str, default: int) -> tuple[str, int]:

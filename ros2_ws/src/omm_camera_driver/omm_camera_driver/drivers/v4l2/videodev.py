@@ -177,7 +177,6 @@ S_PARM = _request(_READ | _WRITE, 22, StreamParameters)
 G_CTRL = _request(_READ | _WRITE, 27, Control)
 S_CTRL = _request(_READ | _WRITE, 28, Control)
 QUERYCTRL = _request(_READ | _WRITE, 36, ControlDescription)
-S_INPUT = _request(_READ | _WRITE, 39, ctypes.c_int)
 
 _NAMES = {value: name for name, value in globals().items() if name.isupper()}
 

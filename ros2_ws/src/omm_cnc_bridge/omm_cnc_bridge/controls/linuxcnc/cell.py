@@ -24,7 +24,6 @@ from omm_cnc_bridge.controls.linuxcnc.control import LOCAL_READER, SimulatedLinu
 from omm_core.errors import DeviceError
 from omm_core.machine.kinematics import Machine
 
-CONFIGURATIONS = ("three_axis_mill", "bc_head")
 START_TIMEOUT_S = 20.0
 _NOBODY = 65534
 _FOLDER_PREFIX = "omm_linuxcnc_"
@@ -94,7 +93,7 @@ class LinuxCncCell:
     Parameters
     ----------
     configuration : str
-        One of CONFIGURATIONS.
+        ``three_axis_mill`` or ``bc_head``: a folder of `configuration_folder`.
     folder : Path
         Gets a copy of the configuration, LinuxCNC's own files and its output. What LinuxCNC is to
         read, such as programs, must be in there.

@@ -65,8 +65,6 @@ class MtConnectControl:
 
     def __init__(self, url: str, *, rate_hz: float, device: str = "") -> None:
         self.clock = ControlClock()
-        self.overruns = 0
-        """How often the agent's buffer ran over before we had read it."""
         self._url, self._device = urlsplit(url), device
         self._interval_ms = max(1, round(1e3 / rate_hz))
         self._connection: http.client.HTTPConnection | None = None
@@ -149,7 +147,6 @@ class MtConnectControl:
         if document.instance_id != self._instance:
             raise DeviceError("MTConnect: the agent was started anew.")
         if document.first_sequence > self._next:
-            self.overruns += 1
             raise DeviceError("MTConnect: the agent's buffer ran over; what it held is lost.")
         news = [o for o in document.observations if o.sequence >= self._next]
         self._next = max(self._next, document.next_sequence)
