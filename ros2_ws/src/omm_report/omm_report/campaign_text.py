@@ -98,6 +98,10 @@ def verdict_lines(campaign: Campaign) -> list[str]:
                 f"{quantity.symbol}: {one.capability.verdict} for T = {width:g} {quantity.unit}"
                 f" (Cg {one.capability.cg:.2f}, Q_MP {one.capability.q_mp:.1%})"
             )
+    if campaign.clampings == 1:
+        lines.append("One clamping only: what clampings add is not known, nor in Cg and %GRR")
+    elif max(campaign.repeats) == 1:
+        lines.append("One repeat in each clamping: repeat and clamping cannot be told apart")
     if all(one.capability is None for one in campaign.quantities):
         lines.append(
             "Without a tolerance (part.yaml's, or tolerance_mm in campaign.yaml) there is no Cg,"
