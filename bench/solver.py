@@ -31,7 +31,8 @@ from omm_core.part_pose.adjustment import (  # noqa: E402
     adjust,
     refine,
 )
-from omm_core.part_pose.kernels import gauss_newton  # noqa: E402
+from omm_core.part_pose.gauss_newton import gauss_newton  # noqa: E402
+from omm_core.part_pose.model import State  # noqa: E402
 from omm_core.part_pose.monte_carlo import solve_each  # noqa: E402
 from omm_core.part_pose.noise_model import noise_model  # noqa: E402
 from omm_core.part_pose.posterior import posterior  # noqa: E402
@@ -175,13 +176,12 @@ def at_zero(problem):
 
 def gauss_newton_of(problem, *, circles):
     """Return a function that solves from θ = 0, with covariance."""
-    arguments = (*problem.model_arguments(circles=circles), problem.measured, problem.information)
+    model, seen = problem.model(circles=circles), problem.seen
 
     def run():
-        R, d0 = np.eye(3), problem.X0_mm.copy()
-        gamma, N = np.zeros(1), np.empty((7, 7))
-        gauss_newton(*arguments, 7, MAX_ITERATIONS, TOLERANCE_SIGMA, R, d0, gamma, N)
-        return R, d0, gamma, inverse(N)
+        state, N = State(np.eye(3), problem.X0_mm.copy(), np.zeros(1)), np.empty((7, 7))
+        gauss_newton(model, seen, 7, MAX_ITERATIONS, TOLERANCE_SIGMA, state, N)
+        return state, inverse(N)
 
     return run
 

@@ -10,15 +10,11 @@ from reference_model import predict
 
 from omm_core.geometry import RigidTransform, spindle_T_taper
 from omm_core.imaging.circle import CircleCentre, project_circles
+from omm_core.imaging.kernels import lens_pixel
 from omm_core.part_pose import SolveOptions, build_problem
 from omm_core.part_pose.adjustment import Adjustment, predictions, refine
-from omm_core.part_pose.kernels import (
-    lens_pixel,
-    normal_equations,
-    predict_all,
-    rotate,
-    workspace,
-)
+from omm_core.part_pose.kernels import normal_equations, predict_all, rotate, workspace
+from omm_core.part_pose.model import Normal, State
 from omm_core.part_pose.start import Start
 
 both = pytest.mark.parametrize("lens", LENSES, ids=LENS_NAMES)
@@ -132,10 +128,8 @@ def test_normal_equations_are_those_of_the_derivatives():
     W = np.stack([w[:, [0, 1]], w[:, [1, 2]]], axis=1)
     r = pixels - problem.measured
     N, g = np.empty((7, 7)), np.empty(7)
-    cost = normal_equations(
-        *problem.model_arguments(), problem.measured, w, off.rotation, off.d0_mm,
-        off.gamma_s_rad, N, g, workspace(8),
-    )  # fmt: skip
+    state = State(off.rotation, off.d0_mm, np.array([off.gamma_s_rad]))
+    cost = normal_equations(problem.model(), problem.seen, state, workspace(8), Normal(N, g))
     assert cost == pytest.approx(np.einsum("ni,nij,nj->", r, W, r))
     assert np.allclose(N, np.einsum("nia,nij,njb->ab", J, W, J), rtol=1e-10)
     assert np.allclose(g, np.einsum("nia,nij,nj->a", J, W, r), rtol=1e-9)
@@ -163,9 +157,7 @@ def test_what_the_camera_cannot_see_has_no_pixel_and_no_derivative():
     _, problem, truth = problem_and_truth(LENSES[0])
     behind = truth.d0_mm + 1e6 * (truth.d0_mm - problem.d_cnc.mean(axis=0))
     pixels, jacobians = np.zeros((len(problem), 2)), np.full((len(problem), 2, 7), np.inf)
-    predict_all(
-        *problem.model_arguments(), truth.rotation, -behind, truth.gamma_s_rad, pixels, jacobians
-    )
+    predict_all(problem.model(), truth.rotation, -behind, truth.gamma_s_rad, pixels, jacobians)
     unseen = np.isnan(pixels[:, 0])
     assert unseen.any()
     assert np.all(jacobians[unseen] == 0.0)

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields, replace
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,6 +30,31 @@ AnyLens = TypeVar("AnyLens", bound="Lens")
 
 _NEWTON_STEPS = 30
 _NEWTON_TOLERANCE = 1e-14  # relative to the size of the image
+
+
+class LensNumbers(NamedTuple):
+    """A lens as the compiled kernels read it (kernels.py).
+
+    Attributes
+    ----------
+    plumb_bob : float
+        1 where k and p are of ideal, normalised coordinates; 0 where of measured ones in px.
+    fx, fy, col, row : float
+        Focal lengths and principal point, px.
+    k1, k2, k3, p1, p2 : float
+        p1 and p2 in Brown's order for both.
+    """
+
+    plumb_bob: float
+    fx: float
+    fy: float
+    col: float
+    row: float
+    k1: float
+    k2: float
+    k3: float
+    p1: float
+    p2: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,8 +73,15 @@ class Lens(ABC):
         """Return pixels (N, 2) of (x/z, y/z), and d(pixel)/d(normalised), (N, 2, 2)."""
 
     @abstractmethod
+    def numbers(self) -> LensNumbers:
+        """Return the numbers of either model by name."""
+
     def kernel_parameters(self) -> Array:
-        """Return the numbers that the compiled kernels take, see estimation/lens_kernels.py."""
+        """Return the numbers as the compiled kernels take them, (10,).
+
+        One array is handed over faster than ten numbers.
+        """
+        return np.array(self.numbers())
 
     def project(self, p_in_camera: ArrayLike) -> Array:
         """Return where points appear.
@@ -133,11 +165,13 @@ class BrownPhotogrammetric(Lens):
             [(self.width_px - 1) / 2 + self.cl0_px, (self.height_px - 1) / 2 + self.rw0_px]
         )
 
-    def kernel_parameters(self) -> Array:
-        """Return [0, f_px, f_px, col_0, row_0, k1, k2, 0, p1, p2], all in pixels."""
+    def numbers(self) -> LensNumbers:
+        """Return the numbers by name, all in pixels."""
         f_px, (col, row) = self.principal_distance_px, self.principal_point_px
-        k1, k2, p1, p2 = self.k1_px2, self.k2_px4, self.p1_px, self.p2_px
-        return np.array([0.0, f_px, f_px, col, row, k1, k2, 0.0, p1, p2])
+        return LensNumbers(
+            plumb_bob=0.0, fx=f_px, fy=f_px, col=col, row=row,
+            k1=self.k1_px2, k2=self.k2_px4, k3=0.0, p1=self.p1_px, p2=self.p2_px,
+        )  # fmt: skip
 
     def normalised_from_pixels(self, pixels: Array) -> Array:
         """Return (x/z, y/z); closed form."""
@@ -213,10 +247,12 @@ class PlumbBob(Lens):
         """D of CameraInfo and OpenCV: (k1, k2, p1, p2, k3)."""
         return np.array([self.k1, self.k2, self.p1, self.p2, self.k3])
 
-    def kernel_parameters(self) -> Array:
-        """Return [1, fx, fy, cx, cy, k1, k2, k3, p2, p1] (tangential terms in Brown's order)."""
-        focal = [self.fx_px, self.fy_px, self.cx_px, self.cy_px]
-        return np.array([1.0, *focal, self.k1, self.k2, self.k3, self.p2, self.p1])
+    def numbers(self) -> LensNumbers:
+        """Return the numbers by name; the tangential terms trade places, as Brown orders them."""
+        return LensNumbers(
+            plumb_bob=1.0, fx=self.fx_px, fy=self.fy_px, col=self.cx_px, row=self.cy_px,
+            k1=self.k1, k2=self.k2, k3=self.k3, p1=self.p2, p2=self.p1,
+        )  # fmt: skip
 
     def normalised_from_pixels(self, pixels: Array) -> Array:
         """Return (x/z, y/z); Newton's method, NaN where the model folds back."""

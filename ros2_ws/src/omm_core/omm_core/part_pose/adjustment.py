@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.geometry import euler_xyz_rad_from_rotation
-from omm_core.part_pose.kernels import gauss_newton, predict_all, rotate
+from omm_core.part_pose.gauss_newton import gauss_newton
+from omm_core.part_pose.kernels import predict_all, rotate
+from omm_core.part_pose.model import State
 from omm_core.part_pose.problem import Problem, SolveOptions
 from omm_core.part_pose.start import GAMMA_STEPS, Start, find_starts
 
@@ -81,21 +83,24 @@ def refine(
     The point model is eight times cheaper and, from afar, finds the same valley: where circles are
     wanted, it goes first.
     """
-    R = np.ascontiguousarray(start.rotation).copy()
-    d0 = np.ascontiguousarray(start.d0_mm).copy()
-    gamma, normal = np.array([start.gamma_s_rad]), np.zeros((7, 7))
-    shared = (problem.measured, problem.information, options.unknowns, MAX_ITERATIONS)
-    state = (R, d0, gamma, normal)
-    cost, iterations = gauss_newton(
-        *problem.model_arguments(circles=False), *shared, _VALLEY_SIGMA, *state
+    state = State(
+        R=np.ascontiguousarray(start.rotation).copy(),
+        d0=np.ascontiguousarray(start.d0_mm).copy(),
+        gamma_s=np.array([start.gamma_s_rad]),
+    )
+    N, seen, size = np.zeros((7, 7)), problem.seen, options.unknowns
+    points = problem.model(circles=False)
+    cost, iterations, converged = gauss_newton(
+        points, seen, size, MAX_ITERATIONS, _VALLEY_SIGMA, state, N
     )
     if circles:
-        cost, iterations = gauss_newton(
-            *problem.model_arguments(), *shared, TOLERANCE_SIGMA, *state
+        model = problem.model()
+        cost, iterations, converged = gauss_newton(
+            model, seen, size, MAX_ITERATIONS, TOLERANCE_SIGMA, state, N
         )
     return Adjustment(
-        rotation=R, d0_mm=d0, gamma_s_rad=float(gamma[0]), cost=float(cost), normal=normal,
-        converged=iterations > 0, iterations=abs(int(iterations)),
+        rotation=state.R, d0_mm=state.d0, gamma_s_rad=float(state.gamma_s[0]), normal=N,
+        cost=float(cost), converged=bool(converged), iterations=int(iterations),
     )  # fmt: skip
 
 
@@ -160,7 +165,7 @@ def predictions(problem: Problem, adjustment: Adjustment) -> tuple[Array, Array]
     """Return predicted pixels (N, 2) and their derivatives by (ω, d_0, γ_s), (N, 2, 7)."""
     pixels, jacobians = np.empty((len(problem), 2)), np.empty((len(problem), 2, 7))
     predict_all(
-        *problem.model_arguments(), adjustment.rotation, adjustment.d0_mm,
+        problem.model(), adjustment.rotation, adjustment.d0_mm,
         adjustment.gamma_s_rad, pixels, jacobians,
     )  # fmt: skip
     return pixels, jacobians

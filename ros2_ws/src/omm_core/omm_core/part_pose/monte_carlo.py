@@ -7,27 +7,26 @@ from numba import njit
 from numpy.typing import NDArray
 
 from omm_core.part_pose.adjustment import MAX_ITERATIONS, TOLERANCE_SIGMA, Adjustment
-from omm_core.part_pose.kernels import gauss_newton
+from omm_core.part_pose.gauss_newton import gauss_newton
+from omm_core.part_pose.model import Measured, State
 from omm_core.part_pose.problem import Problem, SolveOptions
 
 Array = NDArray[np.float64]
 
 
 @njit(cache=True)
-def _solve_each(lens, kind, R_calib, d_calib, R_cnc, d_cnc, image_of, target_of, points,
-                measured, information, size, iterations, tolerance, R0, d0, gamma0,
-                rotations, translations, gammas):  # fmt: skip
+def _solve_each(model, many, size, iterations, tolerance, start, solutions):
+    """Fill the solutions for many sets of centres (M, N, 2); return how many did not converge."""
     N = np.empty((7, 7))
     failed = 0
-    for k in range(measured.shape[0]):
-        rotations[k] = R0
-        translations[k] = d0
-        gammas[k, 0] = gamma0
-        _, used = gauss_newton(
-            lens, kind, R_calib, d_calib, R_cnc, d_cnc, image_of, target_of, points, measured[k],
-            information, size, iterations, tolerance, rotations[k], translations[k], gammas[k], N,
-        )  # fmt: skip
-        failed += used <= 0
+    for k in range(many.centres.shape[0]):
+        state = State(solutions.R[k], solutions.d0[k], solutions.gamma_s[k])
+        state.R[:] = start.R
+        state.d0[:] = start.d0
+        state.gamma_s[:] = start.gamma_s
+        measured = Measured(many.centres[k], many.information)
+        _, _, converged = gauss_newton(model, measured, size, iterations, tolerance, state, N)
+        failed += not converged
     return failed
 
 
@@ -58,11 +57,11 @@ def solve_each(
         How many did not converge.
     """
     count = len(measured)
-    rotations, translations = np.empty((count, 3, 3)), np.empty((count, 3))
-    gammas = np.empty((count, 1))
+    solutions = State(np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((count, 1)))
     failed = _solve_each(
-        *problem.model_arguments(circles=circles), np.ascontiguousarray(measured),
-        problem.information, options.unknowns, MAX_ITERATIONS, TOLERANCE_SIGMA,
-        start.rotation, start.d0_mm, start.gamma_s_rad, rotations, translations, gammas,
+        problem.model(circles=circles),
+        Measured(np.ascontiguousarray(measured), problem.information),
+        options.unknowns, MAX_ITERATIONS, TOLERANCE_SIGMA,
+        State(start.rotation, start.d0_mm, np.array([start.gamma_s_rad])), solutions,
     )  # fmt: skip
-    return rotations, translations, gammas[:, 0], int(failed)
+    return solutions.R, solutions.d0, solutions.gamma_s[:, 0], int(failed)

@@ -168,7 +168,7 @@ def _pixels(
     points = np.ascontiguousarray(X_mm)[:, None, :]
     asked = replace(problem, image_of=images, target_of=np.arange(len(images)), points=points)
     predict_all(
-        *asked.model_arguments(circles=False), best.rotation, best.d0_mm, best.gamma_s_rad,
+        asked.model(circles=False), best.rotation, best.d0_mm, best.gamma_s_rad,
         pixels, by_unknowns,
     )  # fmt: skip
     return pixels, by_unknowns[:, :, 3:6] @ best.rotation

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +15,7 @@ from omm_core.files.part import Part
 from omm_core.geometry import RigidTransform
 from omm_core.imaging.calibration import CameraCalibration
 from omm_core.imaging.circle import BOUNDARY_POINTS, CircleCentre, circle_points
+from omm_core.part_pose.model import Measured, PixelModel
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -159,12 +160,24 @@ class Problem:
     measured: Array
     information: Array
 
-    def model_arguments(self, *, circles: bool = True) -> tuple[Any, ...]:
-        """Return what the kernels take first, see kernels.py."""
-        return (
-            self.lens, self.centre_kind, self.R_calib, self.d_calib, self.R_cnc, self.d_cnc,
-            self.image_of, self.target_of, self.circles if circles else self.points,
-        )  # fmt: skip
+    def model(self, *, circles: bool = True) -> PixelModel:
+        """Return what the kernels predict pixels with."""
+        return PixelModel(
+            lens=self.lens,
+            centre_kind=self.centre_kind,
+            R_calib=self.R_calib,
+            d_calib=self.d_calib,
+            R_cnc=self.R_cnc,
+            d_cnc=self.d_cnc,
+            image_of=self.image_of,
+            target_of=self.target_of,
+            points=self.circles if circles else self.points,
+        )
+
+    @property
+    def seen(self) -> Measured:
+        """Centres and weights, as the kernels take them."""
+        return Measured(centres=self.measured, information=self.information)
 
     def without(self, dropped: NDArray[np.bool_]) -> Problem:
         """Return the same problem without some observations (N,)."""

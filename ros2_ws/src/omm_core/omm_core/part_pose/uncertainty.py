@@ -196,7 +196,6 @@ def _pixels(problem, calibration, adjustment) -> Array:  # type: ignore[no-untyp
     moved = problem.with_calibration(calibration)
     pixels, unused = np.empty((len(problem), 2)), np.empty((len(problem), 2, 7))
     predict_all(
-        *moved.model_arguments(), adjustment.rotation, adjustment.d0_mm,
-        adjustment.gamma_s_rad, pixels, unused,
-    )  # fmt: skip
+        moved.model(), adjustment.rotation, adjustment.d0_mm, adjustment.gamma_s_rad, pixels, unused
+    )
     return pixels

@@ -28,6 +28,7 @@ from omm_core.geometry import RigidTransform
 from omm_core.imaging.calibration import CameraCalibration
 from omm_core.part_pose.adjustment import Adjustment
 from omm_core.part_pose.kernels import predict_all
+from omm_core.part_pose.model import PixelModel
 from omm_core.planning.scene import CENTRE_KIND, REFERENCE_DIAMETER_PX, Noise, Scene
 from omm_core.planning.views import Views
 
@@ -206,15 +207,18 @@ def _predicted(
     state, X0 = local_state(scene)
     pose = calibration.taper_T_camera
     pixels, A = np.empty((len(stop), 2)), np.empty((len(stop), 2, 7))
-    predict_all(
-        calibration.lens.kernel_parameters(), CENTRE_KIND,
-        pose.rotation.copy(), pose.translation_mm.copy(),
-        np.array([s.rotation for s in spindles]).reshape(-1, 3, 3),
-        np.array([s.translation_mm for s in spindles]).reshape(-1, 3),
-        stop.astype(np.int64), target.astype(np.int64),
-        np.ascontiguousarray(scene.circles(1.0) - X0),
-        state.rotation.copy(), state.d0_mm.copy(), state.gamma_s_rad, pixels, A,
-    )  # fmt: skip
+    model = PixelModel(
+        lens=calibration.lens.kernel_parameters(),
+        centre_kind=CENTRE_KIND,
+        R_calib=pose.rotation.copy(),
+        d_calib=pose.translation_mm.copy(),
+        R_cnc=np.array([s.rotation for s in spindles]).reshape(-1, 3, 3),
+        d_cnc=np.array([s.translation_mm for s in spindles]).reshape(-1, 3),
+        image_of=stop.astype(np.int64),
+        target_of=target.astype(np.int64),
+        points=np.ascontiguousarray(scene.circles(1.0) - X0),
+    )
+    predict_all(model, state.rotation.copy(), state.d0_mm.copy(), state.gamma_s_rad, pixels, A)
     return pixels, A
 
 

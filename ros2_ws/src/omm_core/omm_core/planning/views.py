@@ -76,8 +76,8 @@ def views(scene: Scene, machine_T_spindles: Sequence[RigidTransform]) -> Views:
 
 def focal_px(scene: Scene) -> float:
     """Return the focal length in pixels, the shorter of the two."""
-    parameters = scene.calibration.lens.kernel_parameters()
-    return float(min(parameters[1], parameters[2]))
+    lens = scene.calibration.lens.numbers()
+    return float(min(lens.fx, lens.fy))
 
 
 def _focus_left(scene: Scene, centres: Array) -> Array:
