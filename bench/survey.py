@@ -16,7 +16,7 @@ from scipy.stats import chi2
 
 from omm_core.survey.camera_model import evaluate_rays
 from omm_core.survey.datum import free_frame
-from omm_core.survey.network import STAGES, Network, State, adjusted
+from omm_core.survey.network import STAGES, Network, NetworkState, adjusted
 from omm_core.survey.sighting import Bar, Sighting
 
 LENS = np.array([3010.0, 4.0, -3.0, -0.05, 0.02, 0.0, 1e-4, -5e-5, 1e-4, 2e-5])
@@ -26,7 +26,7 @@ SIGMA_PX = 0.01
 
 def network(
     rng: np.random.Generator, photos: int, points: int, share: float
-) -> tuple[np.ndarray, State, list[Sighting], list[Bar]]:
+) -> tuple[np.ndarray, NetworkState, list[Sighting], list[Bar]]:
     """Return true points (T, 3), a start near the truth, what was seen, and two bars."""
     places = rng.uniform(-1, 1, (points, 3)) * [800, 600, 300]
     poses = []
@@ -55,7 +55,7 @@ def network(
         bars.append(
             Bar(ends=(a + 1, b + 1), length_mm=length + rng.normal(0, 0.005), sigma_mm=0.005)
         )
-    state = State(
+    state = NetworkState(
         lens=LENS + np.r_[3.0, 1.0, 1.0, np.zeros(7)],
         photos={i: p + rng.normal(size=6) * np.repeat([1e-3, 1.0], 3) for i, p in enumerate(poses)},
         points={i + 1: p + rng.normal(0, 1, 3) for i, p in enumerate(places)},

@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from omm_bringup.command_line import main
-from omm_core.machine.kinematics import Machine
+from omm_core.machine.kinematics import Kinematics
 from omm_simulation.scenario import load_scenario
 
 URDF = """<robot name="mill">
@@ -54,7 +54,7 @@ def test_a_plan_is_what_the_contract_says(files, tmp_path, capsys):
     more = ["--want", "0.05,0.06", "--json", str(out), "--out", str(program)]
     assert main(["plan", *files, *more]) == 0
     plan = json.loads(out.read_text())
-    machine = Machine.load(tmp_path / "machine.yaml")
+    machine = Kinematics.load(tmp_path / "machine.yaml")
     ids = {t["id"] for t in yaml.safe_load((tmp_path / "part.yaml").read_text())["targets"]}
     for stop in plan["stops"]:
         pose = machine.machine_T_spindle(stop["axes"])

@@ -20,7 +20,7 @@ from omm_camera_driver.drivers.choosing import DRIVERS
 from omm_camera_driver.drivers.simulated.true_pose_listener import TruePoseListener
 from omm_camera_driver.drivers.simulated.true_poses import TruePoses
 from omm_camera_driver.parameters import Parameters, camera_settings
-from omm_camera_driver.worker import CameraWorker, State, Status
+from omm_camera_driver.worker import CameraWorker, Status, WorkerState
 from omm_core.errors import DeviceError, InputError, OmmError
 from omm_core.words import Words, keyed, verbatim
 from omm_ros import qos, topics
@@ -246,18 +246,18 @@ class CameraNode(CountingLifecycleNode):
 
 
 _STATES = {
-    State.INACTIVE: keyed("said.camera_inactive", "inactive"),
-    State.ABSENT: keyed("said.camera_absent", "absent"),
-    State.OPENING: keyed("said.camera_opening", "opening"),
-    State.STREAMING: keyed("said.camera_streaming", "streaming"),
-    State.LOST: keyed("said.camera_lost", "lost"),
+    WorkerState.INACTIVE: keyed("said.camera_inactive", "inactive"),
+    WorkerState.ABSENT: keyed("said.camera_absent", "absent"),
+    WorkerState.OPENING: keyed("said.camera_opening", "opening"),
+    WorkerState.STREAMING: keyed("said.camera_streaming", "streaming"),
+    WorkerState.LOST: keyed("said.camera_lost", "lost"),
 }
 
 
 def _level(status: Status) -> bytes:
-    if status.state is State.INACTIVE:
+    if status.state is WorkerState.INACTIVE:
         return WARN
-    if status.state is not State.STREAMING:
+    if status.state is not WorkerState.STREAMING:
         return ERROR
     return WARN if status.problem else OK
 

@@ -39,7 +39,7 @@ _SILENT_S = 3.0
 _LOST_NEWS_S = 10.0
 
 
-class State(str, Enum):
+class WorkerState(str, Enum):
     """What the connection is in."""
 
     INACTIVE = "inactive"
@@ -66,7 +66,7 @@ class Listener(Protocol):
 class Status:
     """A snapshot for diagnostics."""
 
-    state: State = State.ABSENT
+    state: WorkerState = WorkerState.ABSENT
     problem: str = ""
     camera: Camera | None = None
     published: int = 0
@@ -125,7 +125,7 @@ class CameraWorker:
     def start(self) -> None:
         """Begin to connect; returns at once."""
         self._stopping.clear()
-        self._status = replace(self._status, state=State.ABSENT, problem="", camera=None)
+        self._status = replace(self._status, state=WorkerState.ABSENT, problem="", camera=None)
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
         self._thread.start()
 
@@ -145,7 +145,7 @@ class CameraWorker:
         now_s = time.monotonic()
         request = _ImageRequest(asked_ns=time.time_ns(), deadline_s=now_s + self._trigger_timeout_s)
         status = self.status()
-        if status.state is not State.STREAMING or self._stopping.is_set():
+        if status.state is not WorkerState.STREAMING or self._stopping.is_set():
             request.future.set_exception(DeviceError(_why_not(status)))
             return request.future
         self._requests.append(request)
@@ -155,7 +155,7 @@ class CameraWorker:
     def change(self, name: str, value: float) -> "Future[float]":
         """Change exposure_us or gain, now and at every later connection."""
         future: Future[float] = Future()
-        if self._status.state is not State.STREAMING:
+        if self._status.state is not WorkerState.STREAMING:
             self._settings = replace(self._settings, **{name: value})  # type: ignore[arg-type]
             future.set_result(value)
             return future
@@ -167,9 +167,11 @@ class CameraWorker:
         """Return what is known now."""
         now_s = time.monotonic()
         if self._thread is None:
-            return replace(self._status, state=State.INACTIVE, problem="", camera=None)
+            return replace(self._status, state=WorkerState.INACTIVE, problem="", camera=None)
         if not self._thread.is_alive() and not self._stopping.is_set():
-            return replace(self._status, state=State.LOST, problem=self._status.problem or _DEAD)
+            return replace(
+                self._status, state=WorkerState.LOST, problem=self._status.problem or _DEAD
+            )
         recent = [t for t in list(self._published_at) if now_s - t < _RATE_WINDOW_S]
         rate_hz = (len(recent) - 1) / (recent[-1] - recent[0]) if len(recent) > 1 else 0.0
         problem = self._status.problem or self._unearned(now_s)
@@ -177,7 +179,7 @@ class CameraWorker:
 
     def _unearned(self, now_s: float) -> str:
         """Return what speaks against a connection that says nothing of itself; mostly nothing."""
-        if self._status.state is not State.STREAMING:
+        if self._status.state is not WorkerState.STREAMING:
             return ""
         exposure_s = (self._settings.exposure_us or 0.0) / 1e6
         period_s = 1.0 / self._settings.frame_rate_hz if self._settings.frame_rate_hz else 0.0
@@ -199,7 +201,7 @@ class CameraWorker:
         except Exception as error:
             traceback.print_exc()
             problem = f"The camera's thread has ended: {type(error).__name__}: {error}"
-            self._status = replace(self._status, state=State.LOST, problem=problem)
+            self._status = replace(self._status, state=WorkerState.LOST, problem=problem)
             self._refuse_all(problem)
             self._listener.on_problem(problem)
 
@@ -221,14 +223,14 @@ class CameraWorker:
             self._stopping.wait(_RETRY_S)
 
     def _connect(self, driver: CameraDriver) -> None:
-        self._status = replace(self._status, state=State.OPENING)
+        self._status = replace(self._status, state=WorkerState.OPENING)
         camera = driver.open(self._settings)
         driver.start()
         self._last_sequence = None
         self._connected_s = time.monotonic()
         self._status = replace(
             self._status,
-            state=State.STREAMING,
+            state=WorkerState.STREAMING,
             problem="",
             camera=camera,
             connections=self._status.connections + 1,
@@ -238,7 +240,7 @@ class CameraWorker:
     def _failed(self, problem: str) -> bool:
         """Take note of a problem; tells whether it is a new one."""
         was_connected = self._status.camera is not None
-        state = State.LOST if was_connected else State.ABSENT
+        state = WorkerState.LOST if was_connected else WorkerState.ABSENT
         news = problem != self._status.problem
         self._status = replace(self._status, state=state, problem=problem)
         self._refuse_all(_why_not(self._status))
@@ -418,7 +420,7 @@ def _is_exposed_after(frame: Frame, asked_ns: int) -> bool:
 
 
 def _why_not(status: Status) -> str:
-    if status.state is State.INACTIVE:
+    if status.state is WorkerState.INACTIVE:
         return "The camera node is not active. Activate it first."
     if status.problem:
         return f"The camera is {status.state.value}: {status.problem}"

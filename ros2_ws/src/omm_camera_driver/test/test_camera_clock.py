@@ -3,14 +3,14 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omm_camera_driver.drivers.gige.camera_clock import CameraClock, Reading
+from omm_camera_driver.drivers.gige.camera_clock import CameraClock, ClockReading
 
 BOOT_NS = 1_700_000_000_000_000_000
 
 
-def reading(at_ns: int, before_ns: int, after_ns: int) -> Reading:
+def reading(at_ns: int, before_ns: int, after_ns: int) -> ClockReading:
     """Of a clock that began at BOOT_NS, latched somewhere between the two."""
-    return Reading(
+    return ClockReading(
         camera_ns=at_ns - BOOT_NS, after_ns=at_ns - before_ns, before_ns=at_ns + after_ns
     )
 

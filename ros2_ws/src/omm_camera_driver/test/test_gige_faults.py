@@ -11,7 +11,7 @@ import pytest
 
 from omm_camera_driver.driver import CameraSettings, Trigger
 from omm_camera_driver.drivers.gige.driver import GigeDriver, GigeOptions
-from omm_camera_driver.worker import CameraWorker, State
+from omm_camera_driver.worker import CameraWorker, WorkerState
 from omm_core.errors import DeviceError
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -174,7 +174,7 @@ def test_a_camera_held_by_another_program_is_taken_when_it_is_let_go(
     worker = worker_for(recorder)
     worker.start()
     assert recorder.wait_for(lambda r: any("another program holds it" in p for p in r.problems))
-    assert worker.status().state is State.ABSENT
+    assert worker.status().state is WorkerState.ABSENT
     other.close()
     assert recorder.wait_for(lambda r: len(r.frames) > 2)
     assert worker.stop(timeout_s=5.0)

@@ -6,7 +6,7 @@ import time
 import pytest
 
 from omm_camera_driver.driver import Camera, CameraSettings, Frame, Trigger
-from omm_camera_driver.worker import CameraWorker, State
+from omm_camera_driver.worker import CameraWorker, WorkerState
 from omm_core.errors import DeviceError
 
 WAIT_S = 10.0
@@ -41,7 +41,7 @@ def test_a_driver_that_cannot_even_be_made_is_told_with_its_reason(failure: Exce
     try:
         assert listener.told.wait(WAIT_S)
         status = worker.status()
-        assert status.state is State.ABSENT
+        assert status.state is WorkerState.ABSENT
         assert str(failure) in status.problem
         assert str(failure) in str(worker.request_image().exception())
         assert len(listener.problems) == 1  # once, though it goes on trying
@@ -54,14 +54,14 @@ def test_a_worker_that_is_stopped_says_inactive_and_takes_no_image() -> None:
         raise DeviceError("nothing there")
 
     worker = CameraWorker(make, CameraSettings(), _Listener())  # type: ignore[arg-type]
-    assert worker.status().state is State.INACTIVE
+    assert worker.status().state is WorkerState.INACTIVE
     worker.start()
     deadline_s = time.monotonic() + WAIT_S
     while not worker.status().problem and time.monotonic() < deadline_s:
         time.sleep(0.01)
     assert worker.stop(WAIT_S)
     status = worker.status()
-    assert (status.state, status.problem, status.rate_hz) == (State.INACTIVE, "", 0.0)
+    assert (status.state, status.problem, status.rate_hz) == (WorkerState.INACTIVE, "", 0.0)
     assert "not active" in str(worker.request_image().exception())
 
 
@@ -123,7 +123,7 @@ def running() -> object:
         worker = CameraWorker(lambda: driver, settings, listener, trigger_timeout_s=0.2)  # type: ignore[arg-type, return-value]
         worker.start()
         started.append(worker)
-        _until(lambda: worker.status().state is State.STREAMING)
+        _until(lambda: worker.status().state is WorkerState.STREAMING)
         return worker
 
     yield run
@@ -156,7 +156,7 @@ def test_whatever_ends_the_thread_is_told_in_state_and_to_who_asks(running) -> N
     driver.check = lambda: (_ for _ in ()).throw(DeviceError("unplugged"))  # type: ignore[method-assign]
     worker = running(driver, Trigger.CONTINUOUS, listener)
     _until(lambda: "thread has ended" in worker.status().problem)
-    assert worker.status().state is State.LOST
+    assert worker.status().state is WorkerState.LOST
     assert "the publisher is gone" in worker.status().problem
     assert "thread has ended" in str(worker.request_image().exception(WAIT_S))
     assert any("thread has ended" in problem for problem in listener.problems)

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from omm_interfaces.msg import SpindleState, TargetObservations
 
 from omm_cnc_bridge.control import Connection
-from omm_cnc_bridge.judgement import Judgement
+from omm_cnc_bridge.judgement import JudgedSample
 from omm_core.geometry import RigidTransform
-from omm_core.machine.kinematics import Machine
+from omm_core.machine.kinematics import Kinematics
 from omm_core.words import Words, beside, keyed
 from omm_ros.conversions import MM_PER_M, pose_from_transform, time_from_ns, transform_message
 
@@ -37,7 +37,11 @@ def spindle_transform(stamp_ns: int, machine_T_spindle: RigidTransform) -> Trans
 
 
 def state_message(
-    control: str, connection: Connection, detail: Words, judged: Judgement | None, machine: Machine
+    control: str,
+    connection: Connection,
+    detail: Words,
+    judged: JudgedSample | None,
+    machine: Kinematics,
 ) -> SpindleState:
     """Return the control's state as of the last sample; it is current only while connected."""
     message = SpindleState(

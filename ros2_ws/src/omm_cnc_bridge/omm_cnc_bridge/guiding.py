@@ -20,7 +20,7 @@ from omm_core.files.json_input import read_json
 from omm_core.files.part import load_part
 from omm_core.geometry import RigidTransform
 from omm_core.imaging.calibration import load_calibration
-from omm_core.machine.kinematics import Machine
+from omm_core.machine.kinematics import Kinematics
 from omm_core.planning.guide import Correction, Guide
 from omm_core.planning.plan_file import guide_from_plan
 
@@ -47,7 +47,7 @@ class Guiding:
         self._running = False
 
     @classmethod
-    def load(cls, files: GuidingFiles, machine: Machine, timeout_ns: int) -> Guiding:
+    def load(cls, files: GuidingFiles, machine: Kinematics, timeout_ns: int) -> Guiding:
         """Read plan, part and calibration. Raises InputError where they cannot be used."""
         if not (files.part_file and files.calibration_file):
             raise InputError("Expected part_file and calibration_file beside plan_file, got none.")

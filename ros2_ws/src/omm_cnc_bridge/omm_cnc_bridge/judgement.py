@@ -13,7 +13,7 @@ from omm_cnc_bridge.control import ControlSample
 from omm_cnc_bridge.standstill import StandStill, StandStillLimits
 from omm_core.errors import InputError
 from omm_core.geometry import RigidTransform
-from omm_core.machine.kinematics import Machine
+from omm_core.machine.kinematics import Kinematics
 from omm_core.words import Words, keyed, of_error, verbatim
 
 
@@ -38,7 +38,7 @@ class SampleLimits:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Judgement:
+class JudgedSample:
     """What came of one sample."""
 
     sample: ControlSample
@@ -58,7 +58,7 @@ class Judge:
 
     def __init__(
         self,
-        machine: Machine,
+        machine: Kinematics,
         still: StandStillLimits,
         limits: SampleLimits,
         *,
@@ -74,7 +74,7 @@ class Judge:
         self.refusals: Counter[str] = Counter()
         """How many samples were refused for what."""
 
-    def judge(self, sample: ControlSample, now_ns: int) -> Judgement:
+    def judge(self, sample: ControlSample, now_ns: int) -> JudgedSample:
         """Make a pose of a sample, or say why not."""
         age_ns = now_ns - sample.stamp_ns
         refused = self._refused(sample, age_ns)
@@ -92,7 +92,7 @@ class Judge:
         else:
             self._last_ns = sample.stamp_ns
         moving = refused or self._still.update(self._seen(sample))
-        return Judgement(
+        return JudgedSample(
             sample=sample,
             axes=axes,
             machine_T_spindle=pose,

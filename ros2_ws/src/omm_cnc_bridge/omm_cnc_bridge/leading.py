@@ -11,7 +11,7 @@ from omm_cnc_bridge.guiding import Guiding, GuidingFiles
 from omm_cnc_bridge.handshake import Acknowledge
 from omm_cnc_bridge.parameters import Parameters
 from omm_core.geometry import RigidTransform
-from omm_core.machine.kinematics import Machine
+from omm_core.machine.kinematics import Kinematics
 from omm_ros import qos, topics
 from omm_ros.conversions import stamp_ns
 
@@ -22,7 +22,7 @@ _WORDS = ("as planned", "corrected", "nothing seen, look again")
 class Leading:
     """Tells the program with each answer where its next stop shall be; nothing without a plan."""
 
-    def __init__(self, node: Node, control: Control, p: Parameters, machine: Machine) -> None:
+    def __init__(self, node: Node, control: Control, p: Parameters, machine: Kinematics) -> None:
         self._log = node.get_logger()
         self._control = control if isinstance(control, TakesCorrections) else None
         self._guiding: Guiding | None = None

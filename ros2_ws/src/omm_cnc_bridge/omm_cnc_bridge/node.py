@@ -29,13 +29,13 @@ from omm_cnc_bridge.control import (
 )
 from omm_cnc_bridge.controls.choosing import make_control
 from omm_cnc_bridge.handshake import Acknowledge, Action, Handshake, HandshakeLimits, Trigger
-from omm_cnc_bridge.judgement import Judge, Judgement, Reported, SampleLimits
+from omm_cnc_bridge.judgement import Judge, JudgedSample, Reported, SampleLimits
 from omm_cnc_bridge.leading import Leading
 from omm_cnc_bridge.parameters import Parameters
 from omm_cnc_bridge.refusal_log import RefusalLog
 from omm_cnc_bridge.standstill import StandStillLimits
 from omm_core.errors import DeviceError
-from omm_core.machine.kinematics import Machine
+from omm_core.machine.kinematics import Kinematics
 from omm_core.words import NOTHING, Words, keyed, of_error, sentences
 from omm_ros import qos, topics
 from omm_ros.conversions import stamp_ns
@@ -67,7 +67,7 @@ class CncBridgeNode(CountingNode):
         self._handshake = _make_handshake(p, self._leading)
         self._lock = threading.Lock()  # around the handshake
         self._connection, self._detail = Connection.DISCONNECTED, _NOT_YET
-        self._judged: Judgement | None = None
+        self._judged: JudgedSample | None = None
         self._heard_s = 0.0
         self._state_due_s = self._tf_due_s = 0.0
         self._ages_ns: deque[int] = deque(maxlen=1000)
@@ -166,7 +166,7 @@ class CncBridgeNode(CountingNode):
             self._publish_state()
         self._act(action)
 
-    def _tell(self, judged: Judgement) -> None:
+    def _tell(self, judged: JudgedSample) -> None:
         """Log what was chosen, and refusals that go on: not everyone reads diagnostics."""
         for note in judged.sample.notes:
             if note not in self._notes:
@@ -177,7 +177,7 @@ class CncBridgeNode(CountingNode):
         if words:
             self.get_logger().warning(words)
 
-    def _publish_pose(self, judged: Judgement) -> None:
+    def _publish_pose(self, judged: JudgedSample) -> None:
         pose, stamp = judged.machine_T_spindle, judged.sample.stamp_ns
         assert pose is not None
         prefix = self._p.frame_prefix
@@ -351,7 +351,7 @@ class CncBridgeNode(CountingNode):
         return Health(level=OK, message=status, values=values)
 
 
-def _noteworthy(judged: Judgement) -> tuple[object, ...]:
+def _noteworthy(judged: JudgedSample) -> tuple[object, ...]:
     """Return what is published at once when it changes."""
     s = judged.sample
     still = not judged.moving_reason
@@ -363,7 +363,7 @@ def _ns(seconds: float) -> int:
     return round(seconds * 1e9)
 
 
-def _make_judge(p: Parameters, machine: Machine) -> Judge:
+def _make_judge(p: Parameters, machine: Kinematics) -> Judge:
     still = StandStillLimits(
         tolerance_mm=p.tolerance_mm,
         tolerance_rad=p.tolerance_rad,

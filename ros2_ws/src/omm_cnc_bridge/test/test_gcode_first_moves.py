@@ -6,7 +6,7 @@ import subprocess
 import numpy as np
 import pytest
 
-from omm_core.machine.kinematics import Machine
+from omm_core.machine.kinematics import Kinematics
 from omm_core.machine.urdf import Joint, Robot
 from omm_core.planning.linuxcnc_program import linuxcnc_program
 from omm_core.planning.pattern import Stop, backing_off
@@ -21,7 +21,7 @@ TO_FRONT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # spi
 UP_SIDE_DOWN = np.diag([1.0, -1.0, -1.0])
 
 
-def machine(rotation) -> Machine:
+def machine(rotation) -> Kinematics:
     """Three linear axes X, Y, Z and a spindle that is turned on them."""
     links = ("machine", "a", "b", "c", "spindle")
     joints = [
@@ -39,7 +39,7 @@ def machine(rotation) -> Machine:
             origin=turned, axis=np.eye(3)[0], lower=0.0, upper=0.0,
         )
     )  # fmt: skip
-    return Machine(Robot(name="mill", root="machine", links=links, joints=tuple(joints)))
+    return Kinematics(Robot(name="mill", root="machine", links=links, joints=tuple(joints)))
 
 
 def measuring_program(stops, rotation, options, **more) -> str:

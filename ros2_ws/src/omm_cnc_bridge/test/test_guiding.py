@@ -11,14 +11,14 @@ from omm_cnc_bridge.handshake import Acknowledge, Handshake, HandshakeLimits, Tr
 from omm_core.errors import InputError
 from omm_core.files.part import load_part
 from omm_core.imaging.calibration import load_calibration
-from omm_core.machine.kinematics import Machine
+from omm_core.machine.kinematics import Kinematics
 from omm_core.machine.urdf import Joint, Robot
 from omm_core.planning.plan_file import guide_from_plan
 from omm_simulation.scenario import load_scenario
 
 S = 1_000_000_000
 LINKS = ("machine", "a", "b", "spindle")
-MILL = Machine(
+MILL = Kinematics(
     Robot(
         name="mill", root="machine", links=LINKS,
         joints=tuple(

@@ -9,7 +9,7 @@ import pytest
 from omm_cnc_bridge.control import ControlSample
 from omm_cnc_bridge.judgement import Judge, Reported, SampleLimits
 from omm_cnc_bridge.standstill import StandStillLimits
-from omm_core.machine.kinematics import Machine
+from omm_core.machine.kinematics import Kinematics
 
 MS = 1_000_000
 MACHINES = Path(__file__).parents[1] / "machines"
@@ -18,7 +18,7 @@ LIMITS = SampleLimits(age_ns=500 * MS, stamp_uncertainty_ns=10 * MS)
 
 def make_judge(machine: str = "three_axis_mill", **more) -> Judge:
     still = StandStillLimits(dwell_ns=100 * MS)
-    return Judge(Machine.load(MACHINES / f"{machine}.urdf"), still, LIMITS, **more)
+    return Judge(Kinematics.load(MACHINES / f"{machine}.urdf"), still, LIMITS, **more)
 
 
 def sample(at_ms: float, **more) -> ControlSample:

@@ -9,15 +9,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from omm_core.errors import InputError
-from omm_core.machine.kinematics import Machine, Side
+from omm_core.machine.kinematics import Kinematics, Side
 
 MACHINES = Path(__file__).parents[1] / "machines"
 EXACT = {"rtol": 0.0, "atol": 1e-9}
 QUARTER = math.pi / 2
 
 
-def machine(name: str) -> Machine:
-    return Machine.load(MACHINES / f"{name}.urdf")
+def machine(name: str) -> Kinematics:
+    return Kinematics.load(MACHINES / f"{name}.urdf")
 
 
 # Machine, axis positions, then worked by hand: where the spindle is, and where its x and z point.
@@ -174,7 +174,7 @@ def test_a_file_that_is_no_machine_is_refused_by_name(tmp_path, text, complaint)
     whole = f'<robot name="r">{links}{text}</robot>' if text.startswith("<joint") else text
     path.write_text(whole)
     with pytest.raises(InputError, match=complaint) as refused:
-        Machine.load(path)
+        Kinematics.load(path)
     assert "machine.urdf" in str(refused.value)
 
 
@@ -189,4 +189,4 @@ def test_an_axis_that_moves_spindle_and_part_together_is_refused(tmp_path):
         "</joint></robot>"
     )
     with pytest.raises(InputError, match="U, which moves both"):
-        Machine.load(path)
+        Kinematics.load(path)

@@ -23,7 +23,7 @@ from omm_cnc_bridge.controls.linuxcnc.control import (
 from omm_cnc_bridge.judgement import Judge, SampleLimits
 from omm_cnc_bridge.standstill import StandStillLimits
 from omm_core.errors import DeviceError
-from omm_core.machine.kinematics import Machine
+from omm_core.machine.kinematics import Kinematics
 from omm_core.machine.urdf import load_urdf
 from omm_core.planning.linuxcnc_program import linuxcnc_program
 from omm_core.planning.pattern import Stop, backing_off
@@ -104,7 +104,7 @@ def test_in_position_comes_before_the_axis_has_arrived_and_the_bridge_waits(cont
     samples = mdi(control, "G53 G1 F10000 X50 Y0 Z100")
     samples += read(control, 2.0)
     judge = Judge(
-        Machine.load(MACHINES / "three_axis_mill.urdf"),
+        Kinematics.load(MACHINES / "three_axis_mill.urdf"),
         StandStillLimits(tolerance_mm=0.005, dwell_ns=200_000_000),
         SampleLimits(),
     )
@@ -136,7 +136,7 @@ def test_measuring_program_is_answered_and_runs_to_its_end(cell):
         for i in range(4)
     ]
     program = cell.folder / "measure.ngc"
-    machine = Machine.load(MACHINES / "three_axis_mill.urdf")
+    machine = Kinematics.load(MACHINES / "three_axis_mill.urdf")
     gone_to = backing_off(stops, np.array([0.0, 0.0, 10.0]))
     text = linuxcnc_program(make_program(machine, gone_to, ProgramOptions(retract_mm=10.0)))
     program.write_text(text)
@@ -240,7 +240,7 @@ def test_network_gone_and_back_never_makes_old_poses_fresh(cell):
     assert len(late) > 100
     assert min(s.stamp_ns for s in late) < gone_ns + 100_000_000
     judge = Judge(
-        Machine.load(MACHINES / "three_axis_mill.urdf"), StandStillLimits(), SampleLimits()
+        Kinematics.load(MACHINES / "three_axis_mill.urdf"), StandStillLimits(), SampleLimits()
     )
     judged = [judge.judge(s, back_ns) for s in late]
     old = [j for j in judged if j.age_ns > 500_000_000]
@@ -272,7 +272,7 @@ def test_restart_under_the_bridge_is_noticed_and_survived(cell):
 
 
 def test_truth_comes_at_250_hz(cell):
-    machine = Machine.load(MACHINES / "three_axis_mill.urdf")
+    machine = Kinematics.load(MACHINES / "three_axis_mill.urdf")
     control = SimulatedLinuxCnc(machine, rate_hz=100)
     control.connect()
     try:
@@ -311,7 +311,7 @@ def _compare_with_5axiskins(cell: LinuxCncCell) -> list[float]:
     shutil.copy(Path(__file__).with_name("linuxcnc_poses.py"), cell.folder)
     done = cell.run(["/usr/bin/python3", "-I", str(cell.folder / "linuxcnc_poses.py")])
     assert done.returncode == 0, done.stderr
-    machine = Machine(load_urdf(MACHINES / "linuxcnc_bc_head.urdf"))
+    machine = Kinematics(load_urdf(MACHINES / "linuxcnc_bc_head.urdf"))
     differences = []
     for line in done.stdout.splitlines():
         values = [float(word) for word in line.split()]

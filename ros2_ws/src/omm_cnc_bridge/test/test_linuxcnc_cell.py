@@ -20,7 +20,7 @@ from omm_cnc_bridge.controls.linuxcnc.cell import (
 )
 from omm_cnc_bridge.controls.linuxcnc.control import LinuxCncControl
 from omm_core.errors import DeviceError
-from omm_core.machine.kinematics import Machine
+from omm_core.machine.kinematics import Kinematics
 
 pytestmark = pytest.mark.skipif(
     not is_installed(), reason="LinuxCNC is not installed (apt-get install linuxcnc-uspace)"
@@ -33,8 +33,8 @@ MACHINE = Path(__file__).parents[1] / "machines" / "three_axis_mill.urdf"
 HOLDER = f"""
 import time
 from omm_cnc_bridge.controls.linuxcnc.cell import DemoLinuxCnc
-from omm_core.machine.kinematics import Machine
-machine = Machine.load({str(MACHINE)!r})
+from omm_core.machine.kinematics import Kinematics
+machine = Kinematics.load({str(MACHINE)!r})
 control = DemoLinuxCnc("three_axis_mill", "M2", machine, rate_hz=100)
 control.connect()
 print(control.folder, flush=True)
@@ -121,7 +121,7 @@ def test_nothing_is_left_when_the_holder_is_killed():
 
 
 def test_nothing_is_left_after_the_end():
-    control = DemoLinuxCnc("three_axis_mill", "M2", Machine.load(MACHINE), rate_hz=100)
+    control = DemoLinuxCnc("three_axis_mill", "M2", Kinematics.load(MACHINE), rate_hz=100)
     control.connect()
     folder = control.folder
     assert folder.parent == Path(tempfile.gettempdir())

@@ -9,7 +9,7 @@ import pytest
 from omm_cnc_bridge.control import ProgramState
 from omm_cnc_bridge.controls.linuxcnc.cell import LinuxCncCell, can_isolate, is_installed
 from omm_cnc_bridge.controls.linuxcnc.control import LinuxCncControl
-from omm_core.machine.kinematics import Machine
+from omm_core.machine.kinematics import Kinematics
 from omm_core.planning.linuxcnc_program import linuxcnc_program
 from omm_core.planning.program import ProgramOptions, ProgramStop, make_program
 
@@ -31,7 +31,7 @@ def cell(tmp_path_factory):
             retract_mm=5.0, dwell_s=0.05, feed_mm_per_min=20000.0, limit_mm=30.0, tries=3,
             answer_timeout_s=60.0,
         )  # fmt: skip
-        text = linuxcnc_program(make_program(Machine.load(MACHINE), STOPS, options))
+        text = linuxcnc_program(make_program(Kinematics.load(MACHINE), STOPS, options))
         (running.folder / "measure.ngc").write_text(text)
         yield running
 

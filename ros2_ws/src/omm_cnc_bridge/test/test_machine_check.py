@@ -7,20 +7,20 @@ import pytest
 
 from omm_cnc_bridge.machine.check import check
 from omm_cnc_bridge.machine.drawing import draw
-from omm_core.machine.kinematics import Machine
+from omm_core.machine.kinematics import Kinematics
 
 MACHINES = Path(__file__).parents[1] / "machines"
 ISO_841 = sorted(MACHINES.glob("*.urdf"))
 
 
-def bad(machine: Machine) -> list[str]:
+def bad(machine: Kinematics) -> list[str]:
     return [finding.text for finding in check(machine) if not finding.good]
 
 
 @pytest.mark.parametrize("path", ISO_841, ids=lambda p: p.stem)
 def test_examples_are_as_iso_841_has_it(path):
     """But for LinuxCNC's 5axiskins, which counts B the other way."""
-    found = bad(Machine.load(path))
+    found = bad(Kinematics.load(path))
     if path.stem == "linuxcnc_bc_head":
         (text,) = found
         assert text.startswith("+B turns the tool -Y, ISO 841: +Y")
@@ -42,11 +42,11 @@ def test_mistakes_are_found(tmp_path, old, new, expected):
     text = (MACHINES / "three_axis_mill.urdf").read_text()
     assert old in text
     path.write_text(text.replace(old, new))
-    assert any(expected in finding for finding in bad(Machine.load(path)))
+    assert any(expected in finding for finding in bad(Kinematics.load(path)))
 
 
 @pytest.mark.parametrize("path", ISO_841, ids=lambda p: p.stem)
 def test_drawing_names_every_axis(path):
-    machine = Machine.load(path)
+    machine = Kinematics.load(path)
     texts = {e.text for e in ET.fromstring(draw(machine)).iter() if e.tag.endswith("text")}
     assert {f"+{axis.name}" for axis in machine.axes} <= texts

@@ -13,13 +13,13 @@ from test_opcua import free_port, read  # noqa: E402
 
 from omm_cnc_bridge.controls.opcua.control import OpcUaControl  # noqa: E402
 from omm_cnc_bridge.controls.opcua.two_measurements import (  # noqa: E402
-    Reading,
+    AxisReading,
     TwoMeasurements,
 )
 
 
 def reading(actual, commanded=None):
-    return Reading(actual=actual, commanded=commanded, why_not="BadNotSupported")
+    return AxisReading(actual=actual, commanded=commanded, why_not="BadNotSupported")
 
 
 def choice(direct, indirect):

@@ -9,7 +9,7 @@ from omm_cnc_bridge.controls.linuxcnc.control import joint_axes
 from omm_cnc_bridge.judgement import Judge, SampleLimits
 from omm_cnc_bridge.standstill import StandStillLimits
 from omm_core.errors import DeviceError, InputError
-from omm_core.machine.kinematics import Machine
+from omm_core.machine.kinematics import Kinematics
 
 MS = 1_000_000
 URDF = Path(__file__).parents[1] / "machines" / "three_axis_mill.urdf"
@@ -22,7 +22,7 @@ def judge(tmp_path):
         path = tmp_path / "machine.yaml"
         path.write_text(f"machine: {{name: m, urdf: {URDF}}}\naxes: {axes}\n")
         limits = SampleLimits(age_ns=500 * MS, stamp_uncertainty_ns=10 * MS)
-        return Judge(Machine.load(path), StandStillLimits(dwell_ns=100 * MS), limits)
+        return Judge(Kinematics.load(path), StandStillLimits(dwell_ns=100 * MS), limits)
 
     return make
 
@@ -105,6 +105,6 @@ def test_names_that_do_not_fit_the_joints_are_refused_with_what_to_set():
 
 
 def test_the_example_of_a_gantry_compares_its_drives_and_ignores_its_quill():
-    machine = Machine.load(URDF.with_name("gantry_two_drives.yaml"))
+    machine = Kinematics.load(URDF.with_name("gantry_two_drives.yaml"))
     assert machine.rules.follows["Y2"].leader == "Y"
     assert machine.rules.ignored == {"W"}

@@ -6,7 +6,7 @@ import stat
 import pytest
 
 from omm_core.errors import InputError
-from omm_core.machine.kinematics import Machine
+from omm_core.machine.kinematics import Kinematics
 
 TEXT = """<robot name="m" {more}><link name="machine"/><link name="spindle"/>
 <joint name="X" type="prismatic"><parent link="machine"/><child link="spindle"/>
@@ -22,7 +22,7 @@ def written(tmp_path, lower="-0.5", more=""):
 @pytest.mark.parametrize("text", ["-0,5", "left", "", "nan"])
 def test_a_limit_that_is_no_number_is_told_with_file_joint_and_attribute(tmp_path, text):
     with pytest.raises(InputError, match=r"mill\.urdf: .*lower in the limit of joint X") as error:
-        Machine.load(written(tmp_path, text))
+        Kinematics.load(written(tmp_path, text))
     assert repr(text) in str(error.value)
 
 
@@ -32,7 +32,7 @@ XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
 def test_a_file_for_xacro_is_called_so_where_xacro_is_missing(tmp_path, monkeypatch):
     monkeypatch.setattr(shutil, "which", lambda name: None)
     with pytest.raises(InputError, match=r"xacro is not installed"):
-        Machine.load(written(tmp_path, "${-travel/2}", XACRO))
+        Kinematics.load(written(tmp_path, "${-travel/2}", XACRO))
 
 
 @pytest.mark.parametrize("works", [True, False])
@@ -45,11 +45,11 @@ def test_xacro_is_run_where_it_is_installed(tmp_path, monkeypatch, works):
     monkeypatch.setattr(shutil, "which", lambda name: str(tool))
     path = written(tmp_path, "${-travel/2}", XACRO)
     if works:
-        (axis,) = Machine.load(path).axes
+        (axis,) = Kinematics.load(path).axes
         assert axis.lower == -250.0
     else:
         with pytest.raises(InputError, match=r"mill\.urdf: .*name travel"):
-            Machine.load(path)
+            Kinematics.load(path)
 
 
 @pytest.mark.parametrize("size", [2, 3, 2000])
@@ -63,4 +63,4 @@ def test_links_that_go_round_beside_the_root_are_refused_not_followed_for_ever(t
     links = "".join(f'<link name="{name}"/>' for name in ("base", *names))
     (tmp_path / "mill.urdf").write_text(f'<robot name="r">{links}{joints}</robot>')
     with pytest.raises(InputError, match=r"mill\.urdf: .*loop"):
-        Machine.load(tmp_path / "mill.urdf")
+        Kinematics.load(tmp_path / "mill.urdf")

@@ -4,17 +4,17 @@ from pathlib import Path
 
 import numpy as np
 
-from omm_core.files.machine import Machine as MachineFile
+from omm_core.files.machine import Machine
 from omm_core.files.part import Part, Target
 from omm_core.geometry import RigidTransform
 from omm_core.imaging.calibration import CameraCalibration
 from omm_core.imaging.lens import BrownPhotogrammetric
 from omm_core.imaging.taking import Body, Imaging
-from omm_core.machine.kinematics import Machine
+from omm_core.machine.kinematics import Kinematics
 from omm_core.machine.urdf import Joint, Robot
 from omm_core.planning.scene import Noise, Scene
 
-MACHINE = MachineFile(name="mill", urdf=Path("mill.urdf"))
+MACHINE = Machine(name="mill", urdf=Path("mill.urdf"))
 REAL = Noise(
     image_sigma_px=0.005, stop_sigma_mm=0.003, geometry_sigma_mm=0.015, geometry_length_mm=700.0
 )
@@ -24,7 +24,7 @@ EXACT = Noise(
 CORNERS = ((0.0, 0.0), (1500.0, 0.0), (1500.0, 1000.0), (0.0, 1000.0))
 
 
-def kinematics(limits_mm=((-1000.0, 3000.0), (-1000.0, 2000.0), (-500.0, 1500.0))) -> Machine:
+def kinematics(limits_mm=((-1000.0, 3000.0), (-1000.0, 2000.0), (-500.0, 1500.0))) -> Kinematics:
     """Three linear axes that carry a vertical spindle."""
     links = ("machine", "bridge", "saddle", "spindle")
     joints = tuple(
@@ -34,7 +34,7 @@ def kinematics(limits_mm=((-1000.0, 3000.0), (-1000.0, 2000.0), (-500.0, 1500.0)
         )
         for i, name in enumerate("XYZ")
     )  # fmt: skip
-    return Machine(Robot(name="mill", root="machine", links=links, joints=joints))
+    return Kinematics(Robot(name="mill", root="machine", links=links, joints=joints))
 
 
 def camera(imaging: Imaging | None = None, body: Body | None = None) -> CameraCalibration:

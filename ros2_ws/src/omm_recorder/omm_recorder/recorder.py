@@ -40,7 +40,7 @@ class Limits:
 
 
 @dataclass(frozen=True, kw_only=True)
-class State:
+class RecordingState:
     """How the recording is doing."""
 
     recording: bool
@@ -161,10 +161,10 @@ class Recorder:
             if tally.missing is not None and tally.received and tally.missing_at_end is None
         ]
 
-    def state(self) -> State:
+    def state(self) -> RecordingState:
         """Return how the recording is going."""
         tallies = list(self._tallies.values())
-        return State(
+        return RecordingState(
             recording=self._ended is None,
             ended_because=self._ended or "",
             trouble=self._trouble,

@@ -12,7 +12,7 @@ from omm_core.files.machine import MachineUncertainty, load_machine
 from omm_core.files.part import Part, load_part
 from omm_core.geometry import RigidTransform
 from omm_core.imaging.calibration import load_calibration
-from omm_core.machine.kinematics import Machine as Kinematics
+from omm_core.machine.kinematics import Kinematics
 from omm_core.part_pose import SolveOptions
 from omm_core.part_pose.machine_noise import MachineNoise, noise_grid, summarise
 from omm_core.planning.plan import Plan, make_plan

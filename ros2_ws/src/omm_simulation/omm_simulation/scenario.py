@@ -59,7 +59,7 @@ def _axes(section: YamlSection, key: str) -> dict[str, Axis]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Machine:
+class SimulatedMachine:
     """Three linear axes that carry the spindle.
 
     Attributes
@@ -126,7 +126,7 @@ class MeasuringProgram:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Imaging:
+class SimulatedImaging:
     """How the camera turns light into grey values (DN of 8 bit).
 
     Attributes
@@ -194,9 +194,9 @@ class Scenario:
     calibration: CameraCalibration
     placement: Annotated[PartPlacement, part_of(PartPlacement)]
     backlash_rad: Number
-    machine: Annotated[Machine, part_of(Machine)]
+    machine: Annotated[SimulatedMachine, part_of(SimulatedMachine)]
     program: Annotated[MeasuringProgram, part_of(MeasuringProgram)]
-    imaging: Annotated[Imaging, part_of(Imaging)]
+    imaging: Annotated[SimulatedImaging, part_of(SimulatedImaging)]
     errors: Annotated[MachineErrors, part_of(MachineErrors)] = field(default_factory=MachineErrors)
 
 

@@ -12,7 +12,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_simulation.scenario import Imaging
+from omm_simulation.scenario import SimulatedImaging
 
 
 @lru_cache(maxsize=1)
@@ -59,7 +59,7 @@ def _expose(
 
 
 def expose(
-    ideal_dn: NDArray[np.float32], imaging: Imaging, *, seed: int, bits: int
+    ideal_dn: NDArray[np.float32], imaging: SimulatedImaging, *, seed: int, bits: int
 ) -> NDArray[np.uint8] | NDArray[np.uint16]:
     """Return the grey values of one exposure.
 
@@ -67,7 +67,7 @@ def expose(
     ----------
     ideal_dn : ndarray of float32, shape (H, W)
         What the pixels would say without noise and quantisation, on the 8-bit scale.
-    imaging : Imaging
+    imaging : SimulatedImaging
     seed : int
         Of this frame's noise.
     bits : int

@@ -9,7 +9,7 @@ from omm_core.errors import InputError
 from omm_core.files.output import write_whole
 
 if TYPE_CHECKING:
-    from omm_core.machine.kinematics import Machine
+    from omm_core.machine.kinematics import Kinematics
 
 RADIANS = math.radians(1.0)
 
@@ -34,9 +34,9 @@ def run(args: argparse.Namespace) -> int:
 def _show(args: argparse.Namespace) -> int:
     from omm_cnc_bridge.machine.check import check
     from omm_cnc_bridge.machine.drawing import draw
-    from omm_core.machine.kinematics import Machine
+    from omm_core.machine.kinematics import Kinematics
 
-    machine = Machine.load(args.machine)
+    machine = Kinematics.load(args.machine)
     findings = check(machine)
     print(f"{machine.name}: {len(machine.axes)} axes, {'/'.join(a.name for a in machine.axes)}")
     for finding in findings:
@@ -49,7 +49,7 @@ def _show(args: argparse.Namespace) -> int:
     return 0 if all(finding.good for finding in findings) else 1
 
 
-def _print_pose(machine: "Machine", axes: dict[str, float]) -> None:
+def _print_pose(machine: "Kinematics", axes: dict[str, float]) -> None:
     for complaint in machine.out_of_limits(axes):
         print(f"  !!  {complaint}")
     pose = machine.machine_T_spindle({a.name: 0.0 for a in machine.axes} | axes)
@@ -59,7 +59,7 @@ def _print_pose(machine: "Machine", axes: dict[str, float]) -> None:
     print(f"spindle at {x:.4f}, {y:.4f}, {z:.4f} mm, turned {alpha:.5f}, {beta:.5f}, {gamma:.5f}°")
 
 
-def _axes(words: list[str], machine: "Machine") -> dict[str, float]:
+def _axes(words: list[str], machine: "Kinematics") -> dict[str, float]:
     """Return the positions given as AXIS=VALUE, degrees turned to rad where the axis turns."""
     rotary = {axis.name: axis.rotary for axis in machine.axes}
     axes = {}

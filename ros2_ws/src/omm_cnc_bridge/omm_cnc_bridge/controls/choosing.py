@@ -9,13 +9,13 @@ from omm_cnc_bridge.control import Control
 from omm_cnc_bridge.parameters import Parameters
 from omm_core.errors import InputError
 from omm_core.files.outside import read_text
-from omm_core.machine.kinematics import Machine
+from omm_core.machine.kinematics import Kinematics
 
 if TYPE_CHECKING:
     from omm_simulation.cell import Cell
 
 
-def make_control(p: Parameters) -> tuple[Control, Machine]:
+def make_control(p: Parameters) -> tuple[Control, Kinematics]:
     """Make the control that the parameters name; connect to nothing yet."""
     if p.control == "simulated":
         return _simulated(p)
@@ -27,11 +27,11 @@ def make_control(p: Parameters) -> tuple[Control, Machine]:
             "machine's URDF; omm_cnc_bridge's folder machines has examples."
         )
     if p.control == "linuxcnc":
-        return _linuxcnc(p), Machine.load(p.machine_file)
+        return _linuxcnc(p), Kinematics.load(p.machine_file)
     if p.control == "opcua":
-        return _opcua(p), Machine.load(p.machine_file)
+        return _opcua(p), Kinematics.load(p.machine_file)
     if p.control == "mtconnect":
-        return _mtconnect(p), Machine.load(p.machine_file)
+        return _mtconnect(p), Kinematics.load(p.machine_file)
     raise InputError(f"Expected a known control, got {p.control}.")
 
 
@@ -76,7 +76,7 @@ def _mtconnect(p: Parameters) -> Control:
     return MtConnectControl(p.mtconnect_url, rate_hz=p.rate_hz, device=p.mtconnect_device)
 
 
-def _linuxcnc_cell(p: Parameters) -> tuple[Control, Machine]:
+def _linuxcnc_cell(p: Parameters) -> tuple[Control, Kinematics]:
     """Make a real LinuxCNC with simulated drives, which runs the scenario's stops."""
     from omm_cnc_bridge.controls.linuxcnc.cell import DemoLinuxCnc
     from omm_cnc_bridge.controls.simulated.control import machine_of
@@ -108,7 +108,7 @@ def _text(path: str) -> str:
     return text
 
 
-def _simulated(p: Parameters) -> tuple[Control, Machine]:
+def _simulated(p: Parameters) -> tuple[Control, Kinematics]:
     from omm_cnc_bridge.controls.simulated.control import SimulatedCellControl, machine_of
 
     cell = _draw(p)
@@ -116,7 +116,7 @@ def _simulated(p: Parameters) -> tuple[Control, Machine]:
         cell, rate_hz=p.rate_hz, speed_factor=p.speed_factor, repetitions=p.repetitions
     )
     own = machine_of(cell.scenario)
-    return control, Machine.load(p.machine_file) if p.machine_file else own
+    return control, Kinematics.load(p.machine_file) if p.machine_file else own
 
 
 def _draw(p: Parameters) -> Cell:

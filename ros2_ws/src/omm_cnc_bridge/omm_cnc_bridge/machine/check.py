@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_core.machine.kinematics import Axis, Machine
+from omm_core.machine.kinematics import Axis, Kinematics
 
 _ABOUT = {"A": "X", "B": "Y", "C": "Z"}
 _UNIT = {"X": np.eye(3)[0], "Y": np.eye(3)[1], "Z": np.eye(3)[2]}
@@ -26,7 +26,7 @@ class Finding:
     text: str
 
 
-def motion_of(machine: Machine, axis: Axis) -> NDArray[np.float64]:
+def motion_of(machine: Kinematics, axis: Axis) -> NDArray[np.float64]:
     """Return how the part sees the spindle move, per mm or rad of one axis at zero.
 
     Returns
@@ -44,14 +44,14 @@ def motion_of(machine: Machine, axis: Axis) -> NDArray[np.float64]:
     return np.asarray(vector / (2.0 * _SMALL))
 
 
-def check(machine: Machine) -> tuple[Finding, ...]:
+def check(machine: Kinematics) -> tuple[Finding, ...]:
     """Return all findings, good ones included."""
     findings = [_direction(machine, axis) for axis in machine.axes]
     findings += [_limits(axis) for axis in machine.axes]
     return (*findings, _handedness(machine), _order(machine))
 
 
-def _direction(machine: Machine, axis: Axis) -> Finding:
+def _direction(machine: Kinematics, axis: Axis) -> Finding:
     letter = axis.name[:1].upper()
     expected = _UNIT.get(_ABOUT.get(letter, "") if axis.rotary else letter)
     what = "turns" if axis.rotary else "moves"
@@ -79,7 +79,7 @@ def _limits(axis: Axis) -> Finding:
     return Finding(good=True, text=travel)
 
 
-def _handedness(machine: Machine) -> Finding:
+def _handedness(machine: Kinematics) -> Finding:
     linear = {a.name: motion_of(machine, a) for a in machine.axes if not a.rotary}
     if not {"X", "Y", "Z"} <= set(linear):
         return Finding(good=True, text=f"no X, Y, Z to judge a handedness by: {', '.join(linear)}")
@@ -89,7 +89,7 @@ def _handedness(machine: Machine) -> Finding:
     return Finding(good=good, text=f"X, Y, Z are {say}")
 
 
-def _order(machine: Machine) -> Finding:
+def _order(machine: Kinematics) -> Finding:
     chains = " · ".join(
         f"{side}: {' → '.join(a.name for a in machine.axes if a.side.value == side) or 'fixed'}"
         for side in ("part", "tool")

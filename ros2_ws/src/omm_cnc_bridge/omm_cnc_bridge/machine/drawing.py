@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_core.machine.kinematics import Machine, Side
+from omm_core.machine.kinematics import Kinematics, Side
 from omm_core.machine.urdf import Joint
 
 Array = NDArray[np.float64]
@@ -17,7 +17,7 @@ _COLOURS = {Side.TOOL: "#1f6feb", Side.PART: "#d29922"}
 _COS, _SIN = math.cos(math.radians(30.0)), math.sin(math.radians(30.0))
 
 
-def draw(machine: Machine) -> str:
+def draw(machine: Kinematics) -> str:
     """Return an SVG document of the machine with all axes at zero."""
     lines, labels = _lines(machine)
     points = np.array([p for a, b, _ in lines for p in (a, b)])
@@ -34,7 +34,9 @@ def draw(machine: Machine) -> str:
     )
 
 
-def _lines(machine: Machine) -> tuple[list[tuple[Array, Array, str]], list[tuple[Array, str, str]]]:
+def _lines(
+    machine: Kinematics,
+) -> tuple[list[tuple[Array, Array, str]], list[tuple[Array, str, str]]]:
     """Return the segments (from, to, style) in mm, and the labels (at, text, colour)."""
     sides = {axis.name: axis.side for axis in machine.axes}
     poses = _poses(machine)
@@ -55,7 +57,7 @@ def _lines(machine: Machine) -> tuple[list[tuple[Array, Array, str]], list[tuple
     return segments, labels
 
 
-def _poses(machine: Machine) -> dict[str, Array]:
+def _poses(machine: Kinematics) -> dict[str, Array]:
     """Return every link's homogeneous pose at zero, mm."""
     poses = {machine.robot.root: np.eye(4)}
     waiting = list(machine.robot.joints)

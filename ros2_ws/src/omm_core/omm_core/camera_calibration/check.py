@@ -29,7 +29,7 @@ from omm_core.files.part import Part
 from omm_core.imaging.calibration import CameraCalibration
 from omm_core.imaging.lens import BrownPhotogrammetric, PlumbBob
 from omm_core.part_pose import Observation, SolveOptions, build_problem
-from omm_core.part_pose.blunders import Found, search_blunders
+from omm_core.part_pose.blunders import BlunderSearch, search_blunders
 from omm_core.part_pose.machine_noise import MachineNoise, summarise
 from omm_core.part_pose.noise_model import calibration_effect, noise_model
 
@@ -187,7 +187,10 @@ def _loosened(calibration: CameraCalibration, steps: dict[str, float]) -> Camera
 
 
 def _judged(
-    evidence: Evidence, found: Found, calibration: CameraCalibration, steps: dict[str, float]
+    evidence: Evidence,
+    found: BlunderSearch,
+    calibration: CameraCalibration,
+    steps: dict[str, float],
 ) -> CalibrationCheck:
     p_value, squares, freedom = evidence.everything()
     doubt = _DOUBT / len(steps)
@@ -233,7 +236,7 @@ def _explanations(parameters: list[ParameterCheck]) -> tuple[str, ...]:
 
 
 def _lost(
-    found: Found, calibration: CameraCalibration, steps: dict[str, float]
+    found: BlunderSearch, calibration: CameraCalibration, steps: dict[str, float]
 ) -> CalibrationCheck:
     """Return the verdict where no noise and no plausible change explains what was seen."""
     if found.posterior is None and not found.fit.unseen:

@@ -10,8 +10,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from omm_core.files.machine import Follows
-from omm_core.files.machine import Machine as MachineFile
+from omm_core.files.machine import Follows, Machine
 from omm_core.words import NOTHING, Words, keyed, verbatim
 
 FOLLOW_TOLERANCE = {False: 0.02, True: 2e-5}
@@ -26,7 +25,7 @@ class AxisRules:
     ignored: frozenset[str] = frozenset()
 
     @classmethod
-    def of(cls, machine: MachineFile) -> AxisRules:
+    def of(cls, machine: Machine) -> AxisRules:
         """Return the rules that a machine's file gives."""
         return cls(follows=machine.follows, ignored=machine.ignored)
 

@@ -53,7 +53,7 @@ class Axis:
         return "rad" if self.rotary else "mm"
 
 
-class Machine:
+class Kinematics:
     """Kinematics of one machine.
 
     Parameters
@@ -102,7 +102,7 @@ class Machine:
         self._machine_T_carrier0 = _product(self._to_part, zero)
 
     @classmethod
-    def load(cls, path: str | Path) -> Machine:
+    def load(cls, path: str | Path) -> Kinematics:
         """Read a URDF or a machine.yaml. Raises InputError where it describes no machine."""
         file = load_machine(path)
         robot = load_urdf(file.urdf)

@@ -99,7 +99,7 @@ class Placement:
         return self.rotation, self.translation_mm
 
 
-class State:
+class PlacementState:
     """Overstock and its derivatives at a placement."""
 
     def __init__(
@@ -179,8 +179,8 @@ def place_evenly(
         known to be close.
     """
 
-    def state_at(pose: Pose) -> State:
-        return State(points, surfaces, thickness_mm, wish, pose)
+    def state_at(pose: Pose) -> PlacementState:
+        return PlacementState(points, surfaces, thickness_mm, wish, pose)
 
     state = state_at(
         (
@@ -212,7 +212,7 @@ def place_evenly(
     return _placement(state, limiting, held, loose)
 
 
-def _on_datum(state: State, state_at: Callable[[Pose], State]) -> State:
+def _on_datum(state: PlacementState, state_at: Callable[[Pose], PlacementState]) -> PlacementState:
     """Bring the datum faces to their stock."""
     for _ in range(ROUNDS):
         if np.abs(state.correction).max() < 1e-10:
@@ -223,7 +223,7 @@ def _on_datum(state: State, state_at: Callable[[Pose], State]) -> State:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Level:
-    state: State
+    state: PlacementState
     multipliers: Array
     held: Array
     smallest: float
@@ -231,8 +231,8 @@ class _Level:
 
 
 def _raise_level(
-    state: State,
-    state_at: Callable[[Pose], State],
+    state: PlacementState,
+    state_at: Callable[[Pose], PlacementState],
     floor: Array,
     done: NDArray[np.bool_],
     rounds: int,
@@ -274,7 +274,7 @@ def _raise_level(
 
 
 def _programme(
-    state: State, floor: Array, done: NDArray[np.bool_], radius: float
+    state: PlacementState, floor: Array, done: NDArray[np.bool_], radius: float
 ) -> tuple[Array, float, Array, Array, bool] | None:
     """Solve the linear programme.
 
@@ -316,7 +316,7 @@ def _shortest(values: Array, jacobian: Array, raised: NDArray[np.bool_], answer:
     return answer.step if after.min() < -10.0 * slack else step
 
 
-def _endless(state: State, floor: Array, done: NDArray[np.bool_]) -> Array | None:
+def _endless(state: PlacementState, floor: Array, done: NDArray[np.bool_]) -> Array | None:
     """Return the unit motion that raises all that is not done without end, or None."""
     answer = _programme(state, floor, done, FAR_MM)
     if answer is None or answer[1] < ENDLESS_MM:
@@ -325,8 +325,8 @@ def _endless(state: State, floor: Array, done: NDArray[np.bool_]) -> Array | Non
 
 
 def _most_parallel(
-    state: State, state_at: Callable[[Pose], State], floor: Array, wish: Wish
-) -> State:
+    state: PlacementState, state_at: Callable[[Pose], PlacementState], floor: Array, wish: Wish
+) -> PlacementState:
     """Choose the placement with the least spread in each group, of those that keep all floors."""
     held = np.isfinite(floor)
     for _ in range(4):
@@ -348,7 +348,7 @@ def _most_parallel(
     return state
 
 
-def _spread(state: State, wish: Wish, freedom: Array) -> tuple[Array, Array]:
+def _spread(state: PlacementState, wish: Wish, freedom: Array) -> tuple[Array, Array]:
     """Return rows and goal: each overstock minus its group's mean; a little of staying put."""
     sums = np.zeros((int(wish.groups.max()) + 1, 7))
     both = np.hstack([state.jacobian, state.overstock[:, None]])
@@ -360,7 +360,9 @@ def _spread(state: State, wish: Wish, freedom: Array) -> tuple[Array, Array]:
     return rows, np.concatenate([-apart[:, 6], np.zeros(6)])
 
 
-def _placement(state: State, limiting: Array, held: Array, loose: list[Array]) -> Placement:
+def _placement(
+    state: PlacementState, limiting: Array, held: Array, loose: list[Array]
+) -> Placement:
     values, axes = np.linalg.eigh(state.jacobian.T @ state.jacobian)
     return Placement(
         rotation=state.pose[0],
@@ -392,7 +394,7 @@ def place_by_least_squares(
     )
     wish = Wish(groups=np.zeros(len(points), dtype=np.int64), required_mm=np.zeros(len(points)))
     for _ in range(ROUNDS):
-        state = State(points, surfaces, 0.0, wish, pose)
+        state = PlacementState(points, surfaces, 0.0, wish, pose)
         step = np.linalg.lstsq(state.jacobian, -state.overstock, rcond=1e-9)[0]
         pose = state.moved(np.asarray(step, dtype=np.float64))
         if np.abs(step).max() < 1e-10:

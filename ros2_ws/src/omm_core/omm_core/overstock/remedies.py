@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from omm_core.overstock.placement import State
+from omm_core.overstock.placement import PlacementState
 from omm_core.overstock.problem import Problem, Settled
 
 Array = NDArray[np.float64]
@@ -58,7 +58,7 @@ def _lowered(
     """Return the least sum of lowered allowances of these groups; None where they do not help."""
     pose, lowered = settled.placement.pose, np.zeros(len(groups))
     for _ in range(ROUNDS):
-        state = State(
+        state = PlacementState(
             settled.points.xyz,
             lambda placed: problem.surfaces(settled.face, placed),
             problem.file.target_thickness_mm,

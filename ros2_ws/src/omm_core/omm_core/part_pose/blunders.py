@@ -54,7 +54,7 @@ _ASTRAY_PX = 20.0  # residuals beyond which the linear problem may be another on
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Found:
+class BlunderSearch:
     """What the search came to.
 
     Attributes
@@ -81,7 +81,7 @@ class Found:
     contradictory: bool = False
 
 
-def search_blunders(problem: Problem, options: SolveOptions) -> Found:
+def search_blunders(problem: Problem, options: SolveOptions) -> BlunderSearch:
     """Return pose and noise from the observations that are not demonstrably wrong."""
     first = fit(problem, options)
     start = _found(first, problem, options)
@@ -98,8 +98,8 @@ def search_blunders(problem: Problem, options: SolveOptions) -> Found:
 
 
 def _found(
-    current: Fit, problem: Problem, options: SolveOptions, before: Found | None = None
-) -> Found:
+    current: Fit, problem: Problem, options: SolveOptions, before: BlunderSearch | None = None
+) -> BlunderSearch:
     """Return what is found with a fit, and what was found before it."""
     estimated = None
     if current.propagation is not None and current.best is not None:
@@ -110,13 +110,13 @@ def _found(
     contradictory = estimated is not None and _beyond_machines(estimated.model, options)
     if before is not None:
         return replace(before, fit=current, posterior=estimated, contradictory=contradictory)
-    return Found(
+    return BlunderSearch(
         fit=current, posterior=estimated, dropped=np.zeros(len(problem), dtype=bool), reasons={},
         findings=(), contradictory=contradictory,
     )  # fmt: skip
 
 
-def _rms_px(found: Found) -> float:
+def _rms_px(found: BlunderSearch) -> float:
     assert found.fit.propagation is not None
     return float(np.sqrt(np.mean(found.fit.propagation.raw_residuals_px**2)))
 
@@ -136,7 +136,7 @@ def _beyond_machines(model: NoiseModel, options: SolveOptions) -> bool:
     return bool(z @ np.linalg.solve(C[u:, u:], z) > chi2_limit(m, options.significance))
 
 
-def _without_gross(problem: Problem, start: Found, options: SolveOptions) -> Found:
+def _without_gross(problem: Problem, start: BlunderSearch, options: SolveOptions) -> BlunderSearch:
     """Leave out what contradicts even the worst machine, solving without it from nothing."""
     blurred = replace(problem, information=problem.information / _WORST_DETECTOR**2)
     worst = replace(options, stop_sigma_mm=options.worst_machine_mm)
@@ -153,7 +153,9 @@ def _without_gross(problem: Problem, start: Found, options: SolveOptions) -> Fou
     )  # fmt: skip
 
 
-def _without_blunders(found: Found, problem: Problem, options: SolveOptions) -> Found:
+def _without_blunders(
+    found: BlunderSearch, problem: Problem, options: SolveOptions
+) -> BlunderSearch:
     """Leave out one error after the other, until nothing is suspicious."""
     while found.posterior is not None and not found.fit.missing:
         suspects = _suspects(found.posterior, found.dropped, options)
@@ -264,8 +266,8 @@ def _bayes_factors(
 
 
 def _leave_out(
-    suspects: list[Hypothesis], found: Found, problem: Problem, options: SolveOptions
-) -> Found:
+    suspects: list[Hypothesis], found: BlunderSearch, problem: Problem, options: SolveOptions
+) -> BlunderSearch:
     """Return what is left without all that is suspected, or words where that is too little."""
     union = np.any([suspect.members for suspect in suspects], axis=0)
     dropped = found.dropped | union

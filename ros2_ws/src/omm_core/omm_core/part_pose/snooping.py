@@ -38,7 +38,7 @@ class Hypothesis:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Search:
+class SnoopingSearch:
     """What the search came to.
 
     Attributes
@@ -59,20 +59,20 @@ class Search:
     findings: tuple[Words, ...]
 
 
-def search(problem: Problem, options: SolveOptions) -> Search:
+def search(problem: Problem, options: SolveOptions) -> SnoopingSearch:
     """Return the fit without the observations that are demonstrably wrong."""
     first = fit(problem, options)
     dropped = np.zeros(len(problem), dtype=bool)
     solvable = first.propagation is not None or first.unseen or lost(first)
     if not solvable or first.passed or not options.find_errors:
-        return Search(fit=first, dropped=dropped, reasons={}, findings=())
+        return SnoopingSearch(fit=first, dropped=dropped, reasons={}, findings=())
     current, reasons, findings = first, {}, []
     astray = True  # the errors may have led the fit to a wrong place
     while not current.passed:
         tried, astray = _fits_without(problem, dropped, current, options, astray=astray)
         found = _most_likely(tried, current, options)
         if found is None:
-            return Search(
+            return SnoopingSearch(
                 fit=first, dropped=np.zeros(len(problem), dtype=bool), reasons={}, findings=()
             )
         hypothesis, without, rival = found
@@ -80,7 +80,7 @@ def search(problem: Problem, options: SolveOptions) -> Search:
         if rival is not None:
             doubt = describe(problem, rival.members, rival.kind, without)
             contradiction = cannot_tell_which([words, doubt])
-            return Search(
+            return SnoopingSearch(
                 fit=Fit(problem=problem, options=options, missing=(contradiction,)),
                 dropped=np.zeros(len(problem), dtype=bool), reasons={}, findings=(),
             )  # fmt: skip
@@ -88,7 +88,7 @@ def search(problem: Problem, options: SolveOptions) -> Search:
         reasons.update({int(index): words for index in np.flatnonzero(hypothesis.members)})
         dropped = dropped | hypothesis.members
         current = without
-    return Search(fit=current, dropped=dropped, reasons=reasons, findings=tuple(findings))
+    return SnoopingSearch(fit=current, dropped=dropped, reasons=reasons, findings=tuple(findings))
 
 
 def lost(first: Fit) -> bool:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from omm_core.files.part import Part
 from omm_core.imaging.calibration import CameraCalibration
 from omm_core.part_pose.adjustment import Adjustment, adjust, moved, predictions
-from omm_core.part_pose.blunders import Found, search_blunders
+from omm_core.part_pose.blunders import BlunderSearch, search_blunders
 from omm_core.part_pose.fit import as_likely
 from omm_core.part_pose.machine_noise import MachineNoise, summarise
 from omm_core.part_pose.machine_words import better_than_declared, disagreement, remarks
@@ -172,7 +172,7 @@ def _share_out(counts: NDArray[np.int64], enough: int) -> int:
     return most
 
 
-def _of_all(found: Found, many: NDArray[np.bool_]) -> Found:
+def _of_all(found: BlunderSearch, many: NDArray[np.bool_]) -> BlunderSearch:
     """Return what was found with some of the centres as said of all, (N,)."""
     place = np.flatnonzero(~many)
     dropped = many.copy()
@@ -187,7 +187,9 @@ def _of_all(found: Found, many: NDArray[np.bool_]) -> Found:
     return replace(found, dropped=dropped, reasons=reasons)
 
 
-def _refuse_contradiction(problem: Problem, found: Found, options: SolveOptions) -> Found:
+def _refuse_contradiction(
+    problem: Problem, found: BlunderSearch, options: SolveOptions
+) -> BlunderSearch:
     """Refuse residuals that no machine explains; smaller ones are noise, and the noise is told."""
     propagation = found.fit.propagation
     if not found.contradictory or propagation is None or not options.find_errors:
@@ -214,7 +216,7 @@ def _fits_mirrored(problem: Problem, options: SolveOptions, rms_px: float) -> bo
     return _rms(residuals) < min(_MIRRORED_PX, rms_px / 10)
 
 
-def _judge_determined(found: Found, options: SolveOptions) -> Found:
+def _judge_determined(found: BlunderSearch, options: SolveOptions) -> BlunderSearch:
     """Name what is not determined, given the noise."""
     fit, estimated = found.fit, found.posterior
     if fit.missing or estimated is None or fit.best is None:
@@ -227,7 +229,7 @@ def _judge_determined(found: Found, options: SolveOptions) -> Found:
     return replace(found, fit=replace(fit, missing=tuple(missing), poor=tuple(poor)))
 
 
-def _solution(problem: Problem, found: Found, options: SolveOptions) -> Solution:
+def _solution(problem: Problem, found: BlunderSearch, options: SolveOptions) -> Solution:
     fit, estimated = found.fit, found.posterior
     determined = fit.determined and estimated is not None
     own = absolute = NO_POSE

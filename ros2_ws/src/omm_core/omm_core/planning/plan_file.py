@@ -9,7 +9,7 @@ from omm_core.errors import InputError
 from omm_core.files.part import Part
 from omm_core.geometry import RigidTransform
 from omm_core.imaging.calibration import CameraCalibration
-from omm_core.machine.kinematics import Machine as Kinematics
+from omm_core.machine.kinematics import Kinematics
 from omm_core.planning.guide import Guide, GuidedStop
 from omm_core.planning.plan import Plan
 from omm_core.planning.program import Program

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.errors import InputError
-from omm_core.machine.kinematics import Machine as Kinematics
+from omm_core.machine.kinematics import Kinematics
 
 Array = NDArray[np.float64]
 

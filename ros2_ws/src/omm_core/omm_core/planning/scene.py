@@ -11,7 +11,7 @@ from omm_core.files.part import Part
 from omm_core.geometry import RigidTransform, spindle_T_taper
 from omm_core.imaging.calibration import CameraCalibration
 from omm_core.imaging.circle import CircleCentre, circle_points
-from omm_core.machine.kinematics import Machine as Kinematics
+from omm_core.machine.kinematics import Kinematics
 from omm_core.targets.coded.families import TargetFamily
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.files.machine import AxisDynamics, Machine
-from omm_core.machine.kinematics import Machine as Kinematics
+from omm_core.machine.kinematics import Kinematics
 
 Array = NDArray[np.float64]
 Number = float | Array

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from omm_core.files.part import Part
 from omm_core.geometry import RigidTransform
 from omm_core.imaging.calibration import CameraCalibration
-from omm_core.session.pairing import Judgement, PairingOptions, PoseTrack
+from omm_core.session.pairing import PairedPose, PairingOptions, PoseTrack
 from omm_core.targets.coded.families import TargetFamily, mirror_code
 from omm_core.words import Words, keyed
 
@@ -238,7 +238,7 @@ class Measurement:
         ]
 
     def _solve(
-        self, accepted: dict[int, tuple[_Seen, ...]], judgements: dict[int, Judgement]
+        self, accepted: dict[int, tuple[_Seen, ...]], judgements: dict[int, PairedPose]
     ) -> Solution:
         from omm_core.part_pose import Observation, solve
 
@@ -330,7 +330,7 @@ class Measurement:
         self,
         accepted: dict[int, tuple[_Seen, ...]],
         refused: dict[int, Words],
-        judgements: dict[int, Judgement],
+        judgements: dict[int, PairedPose],
         outcomes: tuple[ObservationOutcome, ...],
     ) -> tuple[ImageOutcome, ...]:
         from omm_core.session.result import ImageOutcome

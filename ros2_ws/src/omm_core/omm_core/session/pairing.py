@@ -50,7 +50,7 @@ class PairingOptions:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Judgement:
+class PairedPose:
     """What became of one image's pose.
 
     Attributes
@@ -74,7 +74,9 @@ class PoseTrack:
     def __init__(self, options: PairingOptions | None = None) -> None:
         self._options = options or PairingOptions()
         self._stamps: list[int] = []
-        self._settled: dict[int, Judgement] = {}  # what samples that are still to come won't change
+        self._settled: dict[
+            int, PairedPose
+        ] = {}  # what samples that are still to come won't change
         self._rows: list[bytes] = []  # float64 numbers; two poses of one stamp: both, one after
         # the other in their order as bytes
 
@@ -109,7 +111,7 @@ class PoseTrack:
         self._rows = list(compress(self._rows, kept))
         self._settled.clear()
 
-    def judge(self, stamp_ns: int) -> Judgement:
+    def judge(self, stamp_ns: int) -> PairedPose:
         """Return the pose of the spindle at a stamp, or why it is not known."""
         judgement = self._settled.get(stamp_ns)
         if judgement is None:
@@ -118,7 +120,7 @@ class PoseTrack:
                 self._settled[stamp_ns] = judgement
         return judgement
 
-    def _judge(self, stamp_ns: int) -> Judgement:
+    def _judge(self, stamp_ns: int) -> PairedPose:
         options = self._options
         begin, end = stamp_ns - options.window_ns, stamp_ns + options.window_ns
         # From the last sample at or before the window to the first at or after it.
@@ -129,10 +131,10 @@ class PoseTrack:
         pending = not self._stamps or self._stamps[-1] < end
         if after == 0:
             words = keyed("said.no_pose_after", "no spindle pose after the image")
-            return Judgement(reason=words, pending=pending)
+            return PairedPose(reason=words, pending=pending)
         if before == 0:
             words = keyed("said.no_pose_before", "no spindle pose before the image")
-            return Judgement(reason=words, pending=pending)
+            return PairedPose(reason=words, pending=pending)
         gaps = [b - a for a, b in pairwise(stamps)]
         uncovered = max(stamps[0] - begin, end - stamps[-1], 0)
         gap = max([*gaps, uncovered])
@@ -142,7 +144,7 @@ class PoseTrack:
                 "a gap of {s} s in the spindle poses around the image",
                 s=f"{gap / 1e9:.3f}",
             )
-            return Judgement(reason=words, pending=pending)
+            return PairedPose(reason=words, pending=pending)
         rows = [piece for row in self._rows[first : last + 1] for piece in _split(row)]
         samples = np.frombuffer(b"".join(rows)).reshape(-1, _NUMBERS)
         return _still(samples, options, pending)
@@ -153,7 +155,7 @@ def _split(row: bytes) -> list[bytes]:
     return [row[i : i + size] for i in range(0, len(row), size)]
 
 
-def _still(samples: NDArray[np.float64], options: PairingOptions, pending: bool) -> Judgement:
+def _still(samples: NDArray[np.float64], options: PairingOptions, pending: bool) -> PairedPose:
     """Judge samples (S, 12) that cover the window."""
     position = samples[:, 9:]
     moved_mm = float(np.linalg.norm(np.ptp(position, axis=0)))
@@ -163,18 +165,18 @@ def _still(samples: NDArray[np.float64], options: PairingOptions, pending: bool)
         words = keyed(
             "said.moved", "the spindle moved by {mm} mm around the image", mm=f"{moved_mm:.3f}"
         )
-        return Judgement(reason=words, pending=pending)
+        return PairedPose(reason=words, pending=pending)
     if turned_rad > options.tolerance_rad:
         words = keyed(
             "said.turned",
             "the spindle turned by {angle} mm/m around the image",
             angle=f"{1e3 * turned_rad:.3f}",
         )
-        return Judgement(reason=words, pending=pending)
+        return PairedPose(reason=words, pending=pending)
     mean = samples.mean(axis=0)
     # The mean of rotations that differ by 20 µrad is a rotation to 1e-10; the quaternion makes it
     # one to the last digit.
     pose = RigidTransform.from_quaternion_xyzw(
         quaternion_xyzw_from_rotation(mean[:9].reshape(3, 3)), mean[9:]
     )
-    return Judgement(machine_T_spindle=pose, pending=pending)
+    return PairedPose(machine_T_spindle=pose, pending=pending)

@@ -138,7 +138,7 @@ class Network:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class State:
+class NetworkState:
     """Where an adjustment begins: places by number, the lens, and what is known of noise, dots."""
 
     lens: Array
@@ -150,10 +150,10 @@ class State:
     diameters_mm: dict[str, float] = field(default_factory=dict)
 
 
-def state_of(network: Network, declared_mm: dict[str, float]) -> State:
+def state_of(network: Network, declared_mm: dict[str, float]) -> NetworkState:
     """Return where a network stands, to go on from."""
     values = network.solution.values
-    return State(
+    return NetworkState(
         lens=values["lens"][0].copy(),
         photos={n: values["photos"][row].copy() for n, row in network.photos.items()},
         points={n: values["points"][row].copy() for n, row in network.points.items()},
@@ -163,7 +163,7 @@ def state_of(network: Network, declared_mm: dict[str, float]) -> State:
 
 
 def adjusted(
-    state: State,
+    state: NetworkState,
     sightings: list[Sighting],
     bars: list[Bar],
     middle_px: Array,
@@ -185,7 +185,7 @@ def adjusted(
     return _Fitting(state, kept, there, middle_px, rejection).solved(stages)
 
 
-def _tied(state: State, sightings: list[Sighting]) -> tuple[Sighting, ...]:
+def _tied(state: NetworkState, sightings: list[Sighting]) -> tuple[Sighting, ...]:
     """Return the rays whose photograph and point have enough others to be placed by."""
     kept = [s for s in sightings if s.photo in state.photos and s.point in state.points]
     while True:
@@ -211,7 +211,7 @@ class _Fitting:
 
     def __init__(
         self,
-        state: State,
+        state: NetworkState,
         sightings: tuple[Sighting, ...],
         bars: list[Bar],
         middle: Array,

@@ -14,7 +14,7 @@ from omm_core.survey.matching import match_dots, placed
 from omm_core.survey.network import (
     REJECTION,
     Network,
-    State,
+    NetworkState,
     adjusted,
     stages_for,
     state_of,
@@ -183,7 +183,9 @@ def _coded_network(
     lens = np.r_[focal_length_px, np.zeros(9)]
     photos, points = start_network(_rays(sightings, lens, middle), 1.0 / focal_length_px)
     points = _seen_by(3, points, photos, sightings)
-    state = _scaled(State(lens=lens, photos=photos, points=points, declared_mm=declared), bars)
+    state = _scaled(
+        NetworkState(lens=lens, photos=photos, points=points, declared_mm=declared), bars
+    )
     network = adjusted(state, sightings, [], middle, stages_for(len(photos)))
     tried = (set(network.photos), set(network.points))
     while True:
@@ -197,8 +199,8 @@ def _coded_network(
 
 
 def _extended(
-    state: State, sightings: list[Sighting], middle: Array, tried: tuple[set[int], set[int]]
-) -> State:
+    state: NetworkState, sightings: list[Sighting], middle: Array, tried: tuple[set[int], set[int]]
+) -> NetworkState:
     """Return the state with more photographs or, where there are none, with more points."""
     photos, points = dict(state.photos), dict(state.points)
     rays, pixel = _rays(sightings, state.lens, middle), float(1.0 / state.lens[0])
@@ -219,7 +221,7 @@ def _seen_by(
     return {p: xyz for p, xyz in points.items() if counts[p] >= fewest}
 
 
-def _scaled(state: State, bars: list[Bar]) -> State:
+def _scaled(state: NetworkState, bars: list[Bar]) -> NetworkState:
     """Return the state in mm, where a bar is seen."""
     at = state.points
     there = [b for b in bars if b.ends[0] in at and b.ends[1] in at]

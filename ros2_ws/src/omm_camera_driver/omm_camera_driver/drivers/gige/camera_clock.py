@@ -17,7 +17,7 @@ _ARRIVALS_KEPT = 200
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reading:
+class ClockReading:
     """One reading of the camera's clock.
 
     Attributes
@@ -51,10 +51,10 @@ class CameraClock:
     """Turns stamps of the camera into system time."""
 
     def __init__(self) -> None:
-        self._reading: Reading | None = None
+        self._reading: ClockReading | None = None
         self._arrivals: deque[int] = deque(maxlen=_ARRIVALS_KEPT)
 
-    def add_reading(self, reading: Reading) -> None:
+    def add_reading(self, reading: ClockReading) -> None:
         """Take in a reading; it is kept if it is tighter than the last one has become."""
         now_ns = reading.before_ns
         if self._reading is None or reading.half_width_ns <= self._reading.bound_ns(now_ns):

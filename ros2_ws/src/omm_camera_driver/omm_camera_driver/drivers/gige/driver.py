@@ -11,7 +11,7 @@ import numpy as np
 
 from omm_camera_driver.driver import Camera, CameraSettings, DeviceLost, Frame
 from omm_camera_driver.drivers.gige import aravis, gvcp
-from omm_camera_driver.drivers.gige.camera_clock import CameraClock, Reading
+from omm_camera_driver.drivers.gige.camera_clock import CameraClock, ClockReading
 from omm_camera_driver.drivers.gige.settings import GigeSettings
 from omm_camera_driver.pixels import mono_from_genicam
 from omm_core.errors import DeviceError, OmmError
@@ -281,7 +281,7 @@ class GigeDriver:
             raise DeviceError("The camera has no clock.")
         camera_ns = ticks * 1_000_000_000 // ticks_per_s
         self._clock.add_reading(
-            Reading(camera_ns=camera_ns, after_ns=after_ns, before_ns=before_ns)
+            ClockReading(camera_ns=camera_ns, after_ns=after_ns, before_ns=before_ns)
         )
 
     def _register(self, address: int) -> int:

@@ -22,7 +22,7 @@ from typing import Any
 
 from omm_cnc_bridge.controls.linuxcnc.control import LOCAL_READER, SimulatedLinuxCnc
 from omm_core.errors import DeviceError
-from omm_core.machine.kinematics import Machine
+from omm_core.machine.kinematics import Kinematics
 
 START_TIMEOUT_S = 20.0
 _NOBODY = 65534
@@ -252,7 +252,7 @@ class LinuxCncCell:
 class DemoLinuxCnc(SimulatedLinuxCnc):
     """A LinuxCNC that is started with the connection and ended with it, and its program."""
 
-    def __init__(self, configuration: str, program: str, machine: Machine, **more: Any) -> None:
+    def __init__(self, configuration: str, program: str, machine: Kinematics, **more: Any) -> None:
         super().__init__(machine, **more)
         self._configuration, self._program = configuration, program
         self._cell: LinuxCncCell | None = None

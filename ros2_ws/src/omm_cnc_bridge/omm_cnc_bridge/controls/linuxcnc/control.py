@@ -26,7 +26,7 @@ from omm_cnc_bridge.control import (
 from omm_cnc_bridge.controls.linuxcnc import offsets
 from omm_core.errors import DeviceError
 from omm_core.geometry import RigidTransform
-from omm_core.machine.kinematics import Machine
+from omm_core.machine.kinematics import Kinematics
 
 LOCAL_READER = (
     "/usr/bin/python3",
@@ -323,7 +323,7 @@ class SimulatedLinuxCnc(LinuxCncControl):
 
     def __init__(
         self,
-        machine: Machine,
+        machine: Kinematics,
         *,
         rate_hz: float,
         true_pose: Callable[[int, RigidTransform], RigidTransform] | None = None,

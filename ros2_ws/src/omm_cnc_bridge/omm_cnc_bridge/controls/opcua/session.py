@@ -28,7 +28,7 @@ from omm_cnc_bridge.controls.opcua.mapping import (
     AxisItems,
     Mapping40502,
 )
-from omm_cnc_bridge.controls.opcua.two_measurements import Choice, Reading, TwoMeasurements
+from omm_cnc_bridge.controls.opcua.two_measurements import AxisReading, Choice, TwoMeasurements
 from omm_core.errors import DeviceError, InputError
 
 QUEUE = 20
@@ -427,7 +427,7 @@ class Session:
                 both = {item: self._reading(axis, item) for item in TWICE}
                 choice = self._twice[axis].choose(*both.values())
                 self._chosen[axis] = choice
-                reading = both.get(choice.name, Reading(actual=None, why_not=choice.why))
+                reading = both.get(choice.name, AxisReading(actual=None, why_not=choice.why))
             if reading.actual is None:
                 continue
             measured[axis] = reading.actual
@@ -435,7 +435,7 @@ class Session:
                 commanded[axis] = reading.commanded
         return measured, commanded
 
-    def _reading(self, axis: str, item: str) -> Reading:
+    def _reading(self, axis: str, item: str) -> AxisReading:
         scale = self._scales[axis]
         value: Any = self._values.get((axis, item))
         wanted: Any = self._values.get((axis, _COMMANDED[item]))
@@ -445,7 +445,7 @@ class Session:
         why = self._bad.get((axis, item), "")
         if not why and actual is None:
             why = f"{value!r} is no number"
-        return Reading(
+        return AxisReading(
             actual=None if actual is None or why else actual * scale,
             commanded=None if commanded is None else commanded * scale,
             why_not=why,

@@ -16,7 +16,7 @@ MOTION = {False: 0.01, True: 1e-4}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reading:
+class AxisReading:
     """What one of the two says now, mm or rad."""
 
     actual: float | None
@@ -57,7 +57,7 @@ class TwoMeasurements:
         self._rotary = rotary
         self._direct, self._indirect = _Seen(), _Seen()
 
-    def choose(self, direct: Reading, indirect: Reading) -> Choice:
+    def choose(self, direct: AxisReading, indirect: AxisReading) -> Choice:
         """Choose the direct one where it is alive and agrees; neither where they contradict."""
         self._direct.add(direct.actual)
         self._indirect.add(indirect.actual)
@@ -71,7 +71,7 @@ class TwoMeasurements:
         return self._of_two(direct, indirect, direct.actual, indirect.actual)
 
     def _of_two(
-        self, direct: Reading, indirect: Reading, at_direct: float, at_indirect: float
+        self, direct: AxisReading, indirect: AxisReading, at_direct: float, at_indirect: float
     ) -> Choice:
         moved = MOTION[self._rotary]
         if self._is_dead(self._direct, direct, self._indirect, indirect):
@@ -89,7 +89,9 @@ class TwoMeasurements:
         )
         return Choice(name="", why=why)
 
-    def _is_dead(self, seen: _Seen, reading: Reading, other_seen: _Seen, other: Reading) -> bool:
+    def _is_dead(
+        self, seen: _Seen, reading: AxisReading, other_seen: _Seen, other: AxisReading
+    ) -> bool:
         """Return whether a value is dead: stood while the other moved, or is a bare 0."""
         moved = MOTION[self._rotary]
         if seen.span > 0.0:

@@ -12,7 +12,7 @@ from omm_cnc_bridge.clock import ros_from_monotonic_ns
 from omm_cnc_bridge.control import ControlSample, Mode, ProgramState, TruePose, WorkOffset
 from omm_core.errors import DeviceError
 from omm_core.geometry import RigidTransform
-from omm_core.machine.kinematics import Machine
+from omm_core.machine.kinematics import Kinematics
 from omm_core.machine.urdf import Joint, Robot
 from omm_simulation.cell import Cell
 from omm_simulation.control import AXIS_NAMES, ControlState, SimulatedControl
@@ -129,7 +129,7 @@ def _sample(state: ControlState, stamp_ns: int, program: str) -> ControlSample:
     )
 
 
-def machine_of(scenario: Scenario) -> Machine:
+def machine_of(scenario: Scenario) -> Kinematics:
     """Return a scenario's machine: X, Y and Z, and the spindle as it is mounted."""
     links = ("machine", *AXIS_NAMES, "spindle")
     axes = scenario.machine.axes
@@ -163,4 +163,4 @@ def machine_of(scenario: Scenario) -> Machine:
         upper=np.inf,
     )
     robot = Robot(name=scenario.name, root="machine", links=links, joints=(*joints, spindle))
-    return Machine(robot)
+    return Kinematics(robot)

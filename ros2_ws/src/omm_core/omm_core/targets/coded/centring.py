@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.targets.coded.families import TargetFamily
-from omm_core.targets.coded.judging import Reading, radius, refusal
+from omm_core.targets.coded.judging import RingReading, radius, refusal
 from omm_core.targets.coded.light import (
     MIXED,
     MIXED_ONCE_FITTED,
@@ -45,7 +45,7 @@ MAX_RESIDUAL = 0.06
 comes from what the camera does to edges (sharpening, JPEG), which is the same on all sides."""
 
 
-def centre_of_outline(reading: Reading) -> DetectedTarget:
+def centre_of_outline(reading: RingReading) -> DetectedTarget:
     """Return the outline's ellipse as the result; its covariance comes from its points' scatter."""
     scatter = max(float(reading.outline[7]), 0.01) ** 2
     return _result(
@@ -54,7 +54,7 @@ def centre_of_outline(reading: Reading) -> DetectedTarget:
 
 
 def centre_all(
-    image: NDArray[Any], family: TargetFamily, readings: list[Reading], saturation: float
+    image: NDArray[Any], family: TargetFamily, readings: list[RingReading], saturation: float
 ) -> list[DetectedTarget | RefusedTarget]:
     """Learn light and noise from the areas of all rings, then fit all dots."""
     readings = list(readings)
@@ -79,7 +79,7 @@ def centre_all(
 def _judged(
     image: NDArray[Any],
     family: TargetFamily,
-    reading: Reading,
+    reading: RingReading,
     read: float,
     gain: float,
     saturation: float,
@@ -106,7 +106,7 @@ def _is_rough(fit: tuple[Floats, Floats, Floats]) -> bool:
 
 
 def _by_the_edges(
-    image: NDArray[Any], reading: Reading, fitted: DetectedTarget | RefusedTarget
+    image: NDArray[Any], reading: RingReading, fitted: DetectedTarget | RefusedTarget
 ) -> DetectedTarget | RefusedTarget:
     """Return the fit, or where that is off them the ellipse through the steepest edges.
 
@@ -128,7 +128,7 @@ def _by_the_edges(
     return replace(local, covariance_px2=covariance)
 
 
-def _is_to_see_again(reading: Reading, light: Light | None) -> bool:
+def _is_to_see_again(reading: RingReading, light: Light | None) -> bool:
     """Return whether to look again: light was taken from edges that were not well known.
 
     A small dot's outline is known to a tenth of a pixel, and its ring has few pixels away from
@@ -144,7 +144,7 @@ def _is_clipped(light: Light | None) -> bool:
 def _fit(
     image: NDArray[Any],
     family: TargetFamily,
-    reading: Reading,
+    reading: RingReading,
     read: float,
     gain: float,
     saturation: float,
@@ -179,7 +179,7 @@ def _fit(
 
 
 def _judge(
-    reading: Reading, fit: tuple[Floats, Floats, Floats] | None
+    reading: RingReading, fit: tuple[Floats, Floats, Floats] | None
 ) -> DetectedTarget | RefusedTarget:
     shape = reading.outline
     if fit is None:
@@ -210,7 +210,7 @@ def _of_the_light(p: Floats) -> float:
 
 
 def _result(
-    reading: Reading, conic: Floats, covariance: Floats, s: float, contrast: float | None = None
+    reading: RingReading, conic: Floats, covariance: Floats, s: float, contrast: float | None = None
 ) -> DetectedTarget:
     a11, a12, a22 = square_root(conic[2], conic[3], conic[4])
     smaller, larger = semi_axes(*conic[2:5])

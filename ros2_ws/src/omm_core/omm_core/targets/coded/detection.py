@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from omm_core.errors import InputError
 from omm_core.targets.coded.centring import centre_all, centre_of_outline
 from omm_core.targets.coded.families import TargetFamily, mirror_code
-from omm_core.targets.coded.judging import Reading, judge_candidates
+from omm_core.targets.coded.judging import RingReading, judge_candidates
 from omm_core.targets.coded.search import find_dots, step_above
 from omm_core.targets.detected import DetectedTarget, Detection, RefusedTarget
 from omm_core.words import Words, keyed
@@ -144,7 +144,7 @@ def _search(image: Image, family: TargetFamily, options: DetectionOptions) -> ND
     return full
 
 
-def _saturation(image: Image, options: DetectionOptions, readings: list[Reading]) -> float:
+def _saturation(image: Image, options: DetectionOptions, readings: list[RingReading]) -> float:
     """Return the grey value from which pixels are saturated."""
     if options.saturation_dn is not None:
         return options.saturation_dn

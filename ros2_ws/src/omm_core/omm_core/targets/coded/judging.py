@@ -32,7 +32,7 @@ MIN_LEAN_GAIN = 0.9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Reading:
+class RingReading:
     """A dot with a ring that was read.
 
     Attributes
@@ -83,7 +83,7 @@ def refusal(conic: Floats, reason: Words) -> RefusedTarget:
 
 def judge_candidates(
     image: NDArray[Any], family: TargetFamily, candidates: Floats
-) -> tuple[list[Reading], list[RefusedTarget]]:
+) -> tuple[list[RingReading], list[RefusedTarget]]:
     """Return outlines and numbers of the candidates (N, 6), and what was refused.
 
     Large candidates are judged first.
@@ -91,7 +91,7 @@ def judge_candidates(
     dots, shapes, bits, facts, doubts = read_candidates(
         image, candidates, family.ring_inner_ratio, family.ring_outer_ratio, family.bits
     )
-    readings: list[Reading] = []
+    readings: list[RingReading] = []
     rings = np.empty((len(dots), 5))
     refused = []
     for i, shape in enumerate(shapes):
@@ -108,7 +108,7 @@ def judge_candidates(
         if seen.against in (reading.NO_RING, reading.NO_DOT):
             continue  # nothing ring-like is there, which is not worth a word
         outcome = _number(family, seen, int(candidate[5]))
-        if isinstance(outcome, Reading):
+        if isinstance(outcome, RingReading):
             rings[len(readings)] = seen.shape[:5]
             readings.append(outcome)
         else:
@@ -132,7 +132,7 @@ _DOUBTS = {
 }
 
 
-def _number(family: TargetFamily, seen: _Seen, sign: int) -> Reading | RefusedTarget:
+def _number(family: TargetFamily, seen: _Seen, sign: int) -> RingReading | RefusedTarget:
     """Return a reading, or a refusal."""
     shape = seen.shape
     if seen.against == reading.OTHER_WIDTH:
@@ -151,7 +151,7 @@ def _number(family: TargetFamily, seen: _Seen, sign: int) -> Reading | RefusedTa
             code=f"{code:0{family.bits}b}", family=family.name,
         )  # fmt: skip
         return refusal(shape, words)
-    return Reading(
+    return RingReading(
         id=target_id,
         outline=shape,
         lean=seen.lean,

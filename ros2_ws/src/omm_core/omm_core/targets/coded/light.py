@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.targets.coded.families import TargetFamily
-from omm_core.targets.coded.judging import Reading
+from omm_core.targets.coded.judging import RingReading
 from omm_core.targets.coded.light_kernels import (
     planes_of,
     ring_light,
@@ -57,7 +57,7 @@ second share a dot of 12 px is then off by 0.002 px), and when outline and blur 
 def light_around(
     image: NDArray[Any],
     family: TargetFamily,
-    reading: Reading,
+    reading: RingReading,
     saturation: float,
     mixed: Mixed = MIXED,
 ) -> Light | None:
@@ -136,7 +136,7 @@ def _half_clipped(taken: Floats, lost: NDArray[np.bool_]) -> Light:
 
 
 def slopes_prior(
-    reading: Reading, light: Light | None, read: float, gain: float
+    reading: RingReading, light: Light | None, read: float, gain: float
 ) -> tuple[Floats, Floats]:
     """Return information (4, 4) and mean (4,) of F's and B's slopes, from the ring."""
     shape, r = reading.outline, reading.radius_px
