@@ -20,7 +20,12 @@ from omm_core.files.camera_writing import camera_yaml
 from omm_core.files.part import load_part
 from omm_core.files.sensor import NamedSensor
 from omm_core.imaging.calibration import load_calibration
-from omm_runs.dot_images import dots_of_images, nearest_dots
+from omm_runs.dot_images import (
+    dots_of_images,
+    likely_dots,
+    nearest_dots,
+    without_what_stands_still,
+)
 from omm_runs.recorded_observations import observations_of_run
 
 Array = NDArray[np.float64]
@@ -28,6 +33,8 @@ Indices = NDArray[np.int64]
 
 # A dot farther than this from where a first calibration puts it is another thing.
 _REACH_PX = 20.0
+# Images that show one bright thing alone from which the first calibration is made without others.
+_ENOUGH_ALONE = 30
 
 
 def calibrate_set(path: Path) -> tuple[CmmSet | MachineSet, CalibrationResult]:
@@ -83,10 +90,10 @@ def _by_places(
 
 
 def _calibrate_images(given: CmmSet, sensor: Sensor) -> CalibrationResult:
-    """Calibrate by what is seen alone in its image; then by the dot that is where it must be."""
+    """Calibrate by what is likely the dot; then by the dot that is where it must be."""
     shape = (sensor.height_px, sensor.width_px)
-    dots = dots_of_images(given.path.parent, given.images, shape)
-    chosen: list[PlainDot | None] = [d[0] if len(d) == 1 else None for d in dots]
+    dots = without_what_stands_still(dots_of_images(given.path.parent, given.images, shape))
+    chosen = likely_dots(dots, _ENOUGH_ALONE)
     if any(len(d) > 1 for d in dots):
         chosen = _where_it_must_be(given, sensor, dots, _from_dots(given, sensor, chosen).camera)
     result = _from_dots(given, sensor, chosen)

@@ -16,6 +16,9 @@ from omm_core.camera_calibration.single_dot import PlainDot, find_bright_dots
 from omm_core.errors import InputError
 from omm_core.files.outside import read_bytes
 
+# What is this near in so many images, and in this part of all, does not move with the dot.
+_STILL_PX, _STILL_IMAGES, _STILL_PART = 3.0, 4, 0.25
+
 
 def dots_of_images(
     folder: Path, images: tuple[str, ...], shape: tuple[int, int]
@@ -51,6 +54,38 @@ def _read(path: Path, shape: tuple[int, int]) -> NDArray[Any]:
             f" {image.shape[1]} x {image.shape[0]}."
         )
     return np.ascontiguousarray(image)
+
+
+def without_what_stands_still(dots: list[list[PlainDot]]) -> list[list[PlainDot]]:
+    """Return what is bright without what is at one place of the image whatever the dot does.
+
+    A reflection of the camera's own light, a lamp seen in the machine: they are seen at the same
+    pixel in image after image, while the dot moves from place to place.
+    """
+    every = [dot.center_px for of_image in dots for dot in of_image]
+    if not every:
+        return dots
+    places = np.array(every)
+    often = max(_STILL_IMAGES, _STILL_PART * len(dots))
+
+    def still(dot: PlainDot) -> bool:
+        near = np.linalg.norm(places - dot.center_px, axis=1) < _STILL_PX
+        return bool(near.sum() >= often)
+
+    return [
+        [dot for dot in of_image if not still(dot)] if len(of_image) > 1 else of_image
+        for of_image in dots
+    ]
+
+
+def likely_dots(dots: list[list[PlainDot]], least: int) -> list[PlainDot | None]:
+    """Return of each image the dot to begin with: what is seen alone, else the largest.
+
+    Where enough images show one thing alone, the others are left for later.
+    """
+    if sum(len(of_image) == 1 for of_image in dots) >= least:
+        return [of_image[0] if len(of_image) == 1 else None for of_image in dots]
+    return [max(o, key=lambda dot: dot.diameter_px) if o else None for o in dots]
 
 
 def nearest_dots(

@@ -14,7 +14,7 @@ from omm_core.geometry import rotation_from_euler_xyz_rad
 from omm_core.imaging.calibration import load_calibration
 from omm_core.imaging.circle import circle_points
 from omm_runs.calibrating import calibrate_set, camera_file
-from omm_runs.dot_images import nearest_dots
+from omm_runs.dot_images import likely_dots, nearest_dots, without_what_stands_still
 
 TRUTH = np.array(
     [6.189, -8.732, 27.52, 2.997e-8, -1.937e-15, -6.188e-8, 3.408e-7,
@@ -106,11 +106,25 @@ def test_the_shared_images_are_calibrated_within_what_is_told():
     assert np.abs(error / np.sqrt(np.diag(result.covariance))).max() < 4.0
 
 
-def test_the_dot_is_the_one_that_is_where_it_must_be():
-    def dot(col, row):
-        centre = np.array([col, row])
-        return PlainDot(center_px=centre, covariance_px2=np.eye(2) * 1e-4, diameter_px=20.0)
+def dot(col, row, diameter=20.0):
+    centre = np.array([col, row])
+    return PlainDot(center_px=centre, covariance_px2=np.eye(2) * 1e-4, diameter_px=diameter)
 
+
+def test_a_reflection_that_stands_still_is_not_the_dot():
+    places = [(100.0 * i, 50.0 * i) for i in range(1, 13)]
+    dots = [[dot(700.5, 300.2, 40.0), dot(*place)] for place in places]
+    chosen = likely_dots(without_what_stands_still(dots), least=8)
+    assert [tuple(one.center_px) for one in chosen] == places
+
+
+def test_with_few_images_of_one_thing_alone_the_largest_is_taken_to_begin_with():
+    dots = [[dot(100 * i, 50, 20.0), dot(90 * i, 700 - i * 40, 8.0)] for i in range(1, 6)]
+    chosen = likely_dots([*dots, []], least=8)
+    assert [one and one.diameter_px for one in chosen] == [20.0] * 5 + [None]
+
+
+def test_the_dot_is_the_one_that_is_where_it_must_be():
     dots = [[dot(500, 500), dot(100, 101)], [dot(900, 900)], []]
     predicted = np.array([[100.0, 100.0], [400.0, 400.0], [50.0, 50.0]])
     chosen = nearest_dots(dots, predicted, 20.0)
