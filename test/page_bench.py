@@ -12,9 +12,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import rclpy
+from ament_index_python.packages import get_package_share_directory
 from omm_interfaces.msg import OperatorCommand
 from rclpy.node import Node
+from sensor_msgs.msg import Image
 
 from omm_bringup.cell import operators_page, simulated_cell
 from omm_bringup.isolation import own_domain
@@ -22,12 +25,13 @@ from omm_bringup.processes import NodeSpec, executable_of
 from omm_bringup.simulated_jacks import SimulatedJacks
 from omm_core.geometry import RigidTransform
 from omm_ros import qos, topics
-from omm_ros.conversions import pose_from_transform
+from omm_ros.conversions import image_message, pose_from_transform
 from omm_simulation.cell import add_wishes, draw, write_estimator_files
 from omm_simulation.scenario import load_scenario
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 WAIT_S = 90.0
+MACHINES = Path(get_package_share_directory("omm_cnc_bridge")) / "machines"
 
 
 class CellWithPage:
@@ -36,11 +40,18 @@ class CellWithPage:
     def __init__(self, folder: Path, port: int, *, tilt_rad: float, seed: int = 3) -> None:
         self.folder, self.port = folder, port
         cell = draw(load_scenario("bench"), seed)
-        part_file, _ = write_estimator_files(cell, folder)
+        part_file, calibration_file = write_estimator_files(cell, folder)
         add_wishes(part_file, cell)
         specs = simulated_cell(folder, scenario="bench", seed=seed)
         page = operators_page(folder, port=port, stops=len(cell.stops))
-        self._specs = {spec.name: spec for spec in (*specs, page)}
+        scene = NodeSpec(
+            package="omm_operator", executable="scene_node", name="scene",
+            parameters={
+                "part_file": str(part_file), "calibration_file": str(calibration_file),
+                "machine_file": str(MACHINES / "three_axis_mill.urdf"),
+            },
+        )  # fmt: skip
+        self._specs = {spec.name: spec for spec in (*specs, page, scene)}
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
         self.commands: list[OperatorCommand] = []
         self._context = rclpy.Context()
@@ -54,6 +65,7 @@ class CellWithPage:
         self._node.create_subscription(
             OperatorCommand, topics.OPERATOR_COMMANDS, self.commands.append, qos.STATE
         )
+        self._images = self._node.create_publisher(Image, topics.IMAGE, qos.IMAGE)
         self._executor = rclpy.executors.SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._thread = threading.Thread(target=self._spin, daemon=True)
@@ -81,6 +93,17 @@ class CellWithPage:
         self.processes[name].send_signal(number)
         if number == signal.SIGKILL:
             self.processes[name].wait()
+
+    def show_small_image(self) -> None:
+        """Publish an image that is not of the calibration's sensor, as a wrong camera would."""
+        stamp_ns = time.time_ns()
+        self._images.publish(
+            image_message(np.zeros((48, 64), dtype=np.uint8), stamp_ns, "camera_optical")
+        )
+
+    def count_publishers(self, topic: str) -> int:
+        """Return how many nodes publish a topic."""
+        return int(self._node.count_publishers(topic))
 
     def given(self, name: str, outcome: int) -> list[OperatorCommand]:
         """Commands of a name that came to an outcome."""

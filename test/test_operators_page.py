@@ -1,7 +1,10 @@
 """The operator's page as a person uses it: a real browser against the real nodes."""
 
+import http.server
+import re
 import signal
 import socket
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from ament_index_python.packages import get_package_share_directory
 from axe_playwright_python.sync_playwright import Axe
 from mcap.reader import make_reader
 from omm_interfaces.msg import OperatorCommand
@@ -21,6 +25,7 @@ pytestmark = pytest.mark.skipif(
 STEPS = ("measure", "result", "correct", "hand")
 SIZES = ((800, 480), (1280, 800), (1920, 1080))
 TARGET_PX, MAIN_PX = 57, 76
+STRANGER = "stranger.example"
 TILT_RAD, TOLERANCE_RAD = 5e-3, 5e-5
 
 
@@ -103,7 +108,10 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[CellWithPage]:
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
     with playwright.sync_playwright() as started:
-        browser = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        browser = started.chromium.launch(
+            executable_path=CHROMIUM,
+            args=["--no-sandbox", f"--host-resolver-rules=MAP {STRANGER} 127.0.0.1"],
+        )
         yield browser
         browser.close()
 
@@ -268,6 +276,130 @@ def test_the_page_speaks_the_language_that_was_chosen(screen: Screen, language: 
     screen.go("result")
     figures = [e.inner_text() for e in screen.page.query_selector_all(".figure")]
     assert all("," in figure and "." not in figure for figure in figures)
+
+
+@pytest.mark.parametrize(
+    ("language", "missing", "refused"),
+    [
+        ("en", "no target of the part was seen yet", "Expected images of"),
+        ("de", "Noch wurde keine Marke des Teils gesehen", "Erwartet wurden Bilder"),
+        ("es", "aún no se vio ninguna diana", "Se esperaban imágenes"),
+        ("eu", "oraindik ez da piezaren itutik ikusi", "pixeleko irudiak espero ziren"),
+    ],
+)
+def test_missing_targets_and_refused_images_are_told_in_the_language(
+    cell: CellWithPage, screen: Screen, language: str, missing: str, refused: str
+) -> None:
+    screen.page.select_option("#language", language)
+    screen.go("measure")
+    screen.tap("new_clamping")
+    until(lambda: missing in screen.text("#missing"), "what is missing")
+    cell.show_small_image()
+    until(lambda: refused in screen.text("#refused"), "the refused image")
+    assert "64 x 48" in screen.text("#refused")
+    screen.go("troubles")
+    assert refused in screen.text("#troubles")
+    screen.page.click("#acknowledge-all")
+    until(lambda: refused not in screen.text("#troubles"), "the acknowledgement")
+
+
+def test_every_topic_of_the_layouts_is_published(cell: CellWithPage) -> None:
+    """Those for RViz and Foxglove, beside the nodes that they are for."""
+    layouts = Path(get_package_share_directory("omm_operator")) / "layouts"
+    named = {
+        topic for path in layouts.iterdir()
+        for topic in re.findall(r"[\"\s{](/[a-z_]+(?:/[a-z_]+)*)", path.read_text())
+    }  # fmt: skip
+    assert len(named) > 5
+    for topic in named | {"/joint_states", "/tf", "/tf_static"}:
+        until(lambda: cell.count_publishers(topic) > 0, topic)  # noqa: B023
+
+
+POST = """async ([command, xsrf]) => {
+  const answer = await fetch("/command", { method: "POST",
+    headers: { "Content-Type": "application/json", ...(xsrf ? { "X-XSRFToken":
+      document.cookie.split("; ").find((c) => c.startsWith("_xsrf=")).slice(6) } : {}) },
+    body: JSON.stringify({ command, key: crypto.randomUUID(), arguments: {} }) });
+  return [answer.status, await answer.text()];
+}"""
+
+
+def test_a_command_that_a_page_should_not_have_sent_is_refused_with_its_reason(
+    cell: CellWithPage, screen: Screen
+) -> None:
+    """As from a page that was left open: the program runs, the pose is gone."""
+    screen.go("measure")
+    screen.hold("start_program")
+    until(lambda: "running" in screen.text("#program"), "the program to run")
+    before = len(cell.given("new_clamping", OperatorCommand.ASKED))
+    for command, why in (("new_clamping", "The program runs"), ("hand_over", "hand.")):
+        status, told = screen.page.evaluate(POST, [command, True])
+        assert status == 200
+        assert '"accepted": false' in told
+        assert why in told
+    assert screen.page.evaluate(POST, ["new_clamping", False])[0] == 403
+    assert len(cell.given("new_clamping", OperatorCommand.ASKED)) == before
+    until(lambda: "finished" in screen.text("#program"), "the program to end")
+
+
+LOOK = """async (own) => {
+  const tried = {};
+  const told = async (name, work) => {
+    try { tried[name] = await work(); } catch (error) { tried[name] = "refused"; }
+  };
+  const mine = { credentials: "include" };
+  await told("fetch", async () => (await fetch(own + "session", mine)).status);
+  await told("post", async () => (await fetch(own + "command", { method: "POST",
+    credentials: "include", headers: { "Content-Type": "application/json" },
+    body: JSON.stringify({ command: "new_clamping", key: "12345678", arguments: {} }) })).status);
+  await told("live", () => new Promise((done, fail) => {
+    const socket = new WebSocket(own.replace("http", "ws") + "live");
+    socket.onopen = () => done("open");
+    socket.onerror = () => fail(new Error("refused"));
+  }));
+  await told("picture", () => new Promise((done, fail) => {
+    const picture = new Image();
+    picture.onload = () => done("shown");
+    picture.onerror = () => fail(new Error("refused"));
+    picture.src = own + "picture.jpg";
+  }));
+  return tried;
+}"""
+
+
+class Nothing(http.server.BaseHTTPRequestHandler):
+    """A page of somebody else."""
+
+    def do_GET(self) -> None:
+        self.send_response(200)
+        self.send_header("Content-Type", "text/html")
+        self.end_headers()
+        self.wfile.write(b"<p>another site</p>")
+
+    def log_message(self, *_: object) -> None:
+        """Keep still."""
+
+
+def test_another_sites_page_and_another_name_get_nothing(
+    cell: CellWithPage, screen: Screen
+) -> None:
+    before = len(cell.given("new_clamping", OperatorCommand.ASKED))
+    own = f"http://127.0.0.1:{cell.port}/"
+    with http.server.HTTPServer(("127.0.0.1", 0), Nothing) as other:
+        threading.Thread(target=other.serve_forever, daemon=True).start()
+        context = screen.page.context.browser.new_context()
+        page = context.new_page()
+        page.goto(own)  # this browser has a session
+        page.wait_for_selector("main")
+        page.goto(f"http://127.0.0.1:{other.server_port}/")
+        tried = page.evaluate(LOOK, own)
+        rebound = page.goto(f"http://{STRANGER}:{cell.port}/")
+        other.shutdown()
+    assert tried == dict.fromkeys(("fetch", "post", "live", "picture"), "refused")
+    assert rebound is not None
+    assert rebound.status == 421
+    context.close()
+    assert len(cell.given("new_clamping", OperatorCommand.ASKED)) == before
 
 
 def test_every_command_is_in_the_recording_with_who_and_when(cell: CellWithPage) -> None:

@@ -104,6 +104,7 @@ def estimate_message(
             used=i.used,
             reason=i.reason or "",
             reason_said=beside(i.reason or ""),
+            pending=i.pending,
         )
         for i in result.images
     ]

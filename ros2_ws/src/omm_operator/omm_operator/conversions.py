@@ -52,6 +52,7 @@ def estimate_fact(message: PartEstimate) -> EstimateFact:
                 stamp_ns=stamp_ns(i.stamp),
                 used=i.used,
                 reason=with_beside(i.reason, i.reason_said),
+                pending=i.pending,
             )
             for i in message.images
         ),

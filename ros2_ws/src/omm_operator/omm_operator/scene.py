@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point
+from geometry_msgs.msg import Point, TransformStamped
 from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
@@ -14,8 +15,9 @@ from visualization_msgs.msg import Marker, MarkerArray
 from omm_core.files.part import Part
 from omm_core.geometry import RigidTransform, quaternion_xyzw_from_rotation
 from omm_core.imaging.calibration import CameraCalibration
+from omm_core.machine.urdf import Joint, Robot
 from omm_operator.screen.facts import EstimateFact
-from omm_ros.conversions import MM_PER_M
+from omm_ros.conversions import MM_PER_M, transform_message
 
 Array = NDArray[np.float64]
 _ENOUGH = 2  # images of a target
@@ -64,6 +66,52 @@ def camera_view(calibration: CameraCalibration, frame: str, depth_mm: float) -> 
     marker.scale.x = 0.002
     marker.points = [_point(end) for line in lines for end in line]
     return MarkerArray(markers=[marker])
+
+
+def link_frames(
+    robot: Robot, positions: Mapping[str, float], stamp: Time, tip: str
+) -> list[TransformStamped]:
+    """Return where the links of a machine are, each from the root.
+
+    Not from link to link, as robot_state_publisher does: the tip has its frame from the bridge,
+    and a frame with two parents jumps between them.
+
+    Parameters
+    ----------
+    positions : mapping
+        Of the axes, m and rad. A link that hangs on one that is missing is left out.
+    stamp : Time
+        When they were there.
+    tip : str
+        The link that the bridge tells.
+    """
+    frames = []
+    for link in robot.links:
+        chain = robot.chain(link)
+        moved = [joint for joint in chain if joint.movable]
+        told = [positions.get(joint.name, math.nan) for joint in moved]
+        if link in (robot.root, tip) or not np.all(np.isfinite(told)):
+            continue
+        matrix = np.eye(4)
+        for joint in chain:
+            matrix = matrix @ joint.origin @ _motion(joint, positions.get(joint.name, 0.0))
+        pose = RigidTransform(rotation=matrix[:3, :3], translation_mm=matrix[:3, 3])
+        frame = TransformStamped(transform=transform_message(pose), child_frame_id=link)
+        frame.header.frame_id, frame.header.stamp = robot.root, stamp
+        frames.append(frame)
+    return frames
+
+
+def _motion(joint: Joint, position: float) -> Array:
+    matrix = np.eye(4)
+    if joint.movable and joint.rotary:
+        x, y, z = joint.axis
+        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        turn = np.sin(position) * cross + (1.0 - np.cos(position)) * cross @ cross
+        matrix[:3, :3] += turn
+    elif joint.movable:
+        matrix[:3, 3] = joint.axis * position * MM_PER_M
+    return matrix
 
 
 def place_covariance_mm2(estimate: EstimateFact, point_mm: Array) -> Array:

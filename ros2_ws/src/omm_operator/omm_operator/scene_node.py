@@ -8,6 +8,7 @@ from pathlib import Path
 from omm_interfaces.msg import PartEstimate, SpindleState
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
+from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
 from omm_core.errors import InputError
@@ -15,8 +16,9 @@ from omm_core.files.machine import load_machine
 from omm_core.files.outside import read_text
 from omm_core.files.part import load_part
 from omm_core.imaging.calibration import load_calibration
+from omm_core.machine.urdf import Robot, load_urdf
 from omm_operator.conversions import estimate_fact
-from omm_operator.scene import camera_view, part_markers
+from omm_operator.scene import camera_view, link_frames, part_markers
 from omm_ros import qos, topics
 from omm_ros.node_main import run_node
 from omm_ros.parameters import declare, parameter
@@ -38,6 +40,9 @@ class Parameters:
     view_depth_m: float = parameter(0.3, "How far the camera's view is drawn.", minimum=0.01)
     part_frame: str = parameter("part", "Frame of the part.")
     machine_frame: str = parameter("machine", "Frame of the machine.")
+    tip: str = parameter(
+        "spindle", "Link whose frame the bridge tells; the others are told here, from the root."
+    )
     camera_frame: str = parameter("camera_optical", "Frame of the camera.")
 
 
@@ -57,6 +62,7 @@ class SceneNode(CountingNode):
             raise InputError("Expected the parameter part_file, got none.")
         self._part = load_part(p.part_file)
         self._markers = self.create_publisher(MarkerArray, topics.MARKERS, qos.LATCHED)
+        self._robot: Robot | None = None
         self._joints = self.create_publisher(JointState, topics.JOINT_STATES, qos.STATE)
         if p.calibration_file:
             view = camera_view(
@@ -66,7 +72,10 @@ class SceneNode(CountingNode):
             self._view.publish(view)
         if p.machine_file:
             self._description = self.create_publisher(String, topics.ROBOT_DESCRIPTION, qos.LATCHED)
-            self._description.publish(String(data=_urdf(Path(p.machine_file))))
+            urdf = load_machine(p.machine_file).urdf
+            self._description.publish(String(data=read_text(urdf, "URDF")))
+            self._robot = load_urdf(Path(urdf))
+            self._frames = self.create_publisher(TFMessage, topics.TF, qos.STATE)
         self.create_subscription(PartEstimate, topics.ESTIMATE, self._on_estimate, qos.LATCHED)
         self.create_subscription(SpindleState, topics.SPINDLE_STATE, self._on_state, qos.STATE)
 
@@ -85,10 +94,11 @@ class SceneNode(CountingNode):
         joints = JointState(name=list(message.axis_names), position=list(message.axis_positions))
         joints.header = message.header
         self._joints.publish(joints)
-
-
-def _urdf(machine_file: Path) -> str:
-    return read_text(load_machine(machine_file).urdf, "URDF")
+        if self._robot is not None:
+            positions = dict(zip(message.axis_names, message.axis_positions))
+            frames = link_frames(self._robot, positions, message.header.stamp, self._p.tip)
+            if frames:
+                self._frames.publish(TFMessage(transforms=frames))
 
 
 def main(args: list[str] | None = None) -> int:

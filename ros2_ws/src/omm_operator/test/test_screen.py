@@ -1,6 +1,7 @@
 """The screen's state: honest about what is not heard, and about what holds no longer."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -162,6 +163,17 @@ def test_an_error_stays_until_it_is_acknowledged_and_is_counted(
     assert len(screen.snapshot()["troubles"]["open"]) == 2
     assert screen.acknowledge(told[0]["number"])
     assert not screen.acknowledge(told[0]["number"])
+    assert [t.said.key for t in screen.troubles.all()] == ["trouble.image"]
+
+
+def test_an_image_that_waits_for_poses_is_no_trouble_until_it_is_decided(
+    screen: Screen, times: Times
+) -> None:
+    waiting = ImageFact(stamp_ns=5, used=False, reason="no spindle pose", pending=True)
+    screen.take_estimate(estimate(times, images=(waiting,)))
+    assert screen.troubles.all() == ()
+    assert screen.snapshot()["measure"]["refused"] == []
+    screen.take_estimate(estimate(times, images=(replace(waiting, pending=False),)))
     assert [t.said.key for t in screen.troubles.all()] == ["trouble.image"]
 
 

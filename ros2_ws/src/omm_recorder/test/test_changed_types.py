@@ -15,7 +15,7 @@ NEW = {
     "omm_interfaces/msg/SpindleState": ("connection_said", "moving_said"),
     "omm_interfaces/msg/PartEstimate": (
         "share_sources", "shares", "missing_said", "findings_said", "remarks_said",
-        "revoked_said", "reason_said",
+        "revoked_said", "reason_said", "pending",
     ),
 }  # fmt: skip
 

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from omm_core.errors import InputError
 from omm_core.files.wishes import Jack
+from omm_core.words import keyed
 
 Array = NDArray[np.float64]
 Mode = Literal["exact", "tilt", "lift"]
@@ -114,7 +115,11 @@ def _jacobian(jacks: Sequence[Jack], up: Array, *, turned_only: bool) -> Array:
     spread = np.linalg.svd(flat - flat.mean(axis=0), compute_uv=False) if len(jacks) > 2 else None
     if spread is None or spread[1] < 1e-6 * max(float(spread[0]), 1.0):
         raise InputError(
-            f"Expected three or more jacks that are not in one line, got {len(jacks)}."
+            keyed(
+                "said.jacks_in_line",
+                "Expected three or more jacks that are not in one line, got {n}.",
+                n=len(jacks),
+            )
         )
     moved = np.zeros_like(places) if turned_only else np.tile(up, (len(jacks), 1))
     return -np.hstack([np.cross(places, up), moved])

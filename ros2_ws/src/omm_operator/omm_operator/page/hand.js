@@ -11,14 +11,15 @@ export function hand(state) {
   const d = state.hand;
   const holds = state.result.holds;
   return [
-    h("section", { class: "wide" },
+    h("section", {},
       h("h2", {}, t("hand.to", { control: CONTROLS[d.control] || OTHER[d.control], offset: d.offset })),
       d.why ? h("p", { class: "bad", role: "alert", id: "hand-why" }, tell(d.why)) : null,
-      offsets(d),
-      h("ul", { class: "conditions", id: "conditions" }, d.conditions.map((one) => h("li", { class: one.holds && !link.lost ? "good" : "bad", id: `condition-${one.name}` },
-        `${one.holds && !link.lost ? "✓" : "✗"} ${one.holds ? t(`condition.${one.name}`) : tell(one.why)}`))),
+      offsets(d)),
+    h("section", {},
       h("div", { class: "row" }, hold(state, "hand_over"), press(state, "read_offset")),
-      h("div", { "aria-live": "polite", id: "handed" }, handed(d.handed))),
+      h("div", { "aria-live": "polite", id: "handed" }, handed(d.handed)),
+      h("ul", { class: "conditions", id: "conditions" }, d.conditions.map((one) => h("li", { class: one.holds && !link.lost ? "good" : "bad", id: `condition-${one.name}` },
+        `${one.holds && !link.lost ? "✓" : "✗"} ${one.holds ? t(`condition.${one.name}`) : tell(one.why)}`)))),
     h("section", { class: "wide" },
       d.words.length ? [h("h2", {}, t("hand.words")), h("pre", { tabindex: 0, id: "words" }, d.words.join("\n"))] : null,
       d.error_mm === null ? null : h("p", { class: "small" }, t("hand.error", { mm: fixed(d.error_mm, 4), allowed: fixed(d.remaining_mm, 3) })),
@@ -42,7 +43,7 @@ function offsets(d) {
     h("tbody", {}, AXES.map((axis, k) => k > 2 && d.control === "linuxcnc" && k < 5 ? null : h("tr", {},
       h("th", { scope: "row" }, k === 5 && d.control === "linuxcnc" ? "R" : axis),
       h("td", {}, fixed(old[k], 4)), h("td", { class: "new" }, fixed(wanted[k], k < 3 ? 4 : 6)),
-      h("td", {}, old.length && wanted.length ? fixed(wanted[k] - old[k], 4, true) : "–", k < 3 ? " mm" : " °")))));
+      h("td", {}, old.length && wanted.length ? `${fixed(wanted[k] - old[k], 4, true)} ${k < 3 ? "mm" : "°"}` : "–")))));
 }
 
 function handed(done) {

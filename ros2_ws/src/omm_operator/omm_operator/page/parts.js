@@ -5,6 +5,7 @@ import { fixed, t, tell } from "/file/language.js";
 import { busy, link, send } from "/file/connection.js";
 
 const HOLD_MS = 1000;
+const DONE_MS = 10000;
 export const answer = { command: null, said: null, accepted: true };
 
 export function refusal(state, command) {
@@ -15,7 +16,10 @@ export function refusal(state, command) {
 
 export async function give(command, args) {
   const got = await send(command, args);
-  Object.assign(answer, { command, said: got.said, accepted: got.accepted });
+  const mine = { command, said: got.said, accepted: got.accepted };
+  Object.assign(answer, mine);
+  // What was done needs no more looking at after a while; what was refused stays.
+  if (got.accepted) setTimeout(() => { if (answer.said === mine.said) answer.said = null; }, DONE_MS);
 }
 
 // Pressed once. Why it is off stands below it.

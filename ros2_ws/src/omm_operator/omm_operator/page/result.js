@@ -46,7 +46,7 @@ function shares(r) {
   const sources = Object.entries(r.shares || {});
   if (!sources.length) return null;
   return h("table", { class: "shares" }, h("caption", {}, t("result.shares")),
-    h("thead", {}, h("tr", {}, h("th", {}, ""), r.symbols.map((symbol) => h("th", { scope: "col" }, symbol)))),
+    h("thead", {}, h("tr", {}, h("th", { scope: "col" }, t("result.source")), r.symbols.map((symbol) => h("th", { scope: "col" }, symbol)))),
     h("tbody", {}, sources.map(([name, of]) => h("tr", {}, h("th", { scope: "row" }, t(`share.${name}`)),
       of.map((share) => h("td", {}, share === null ? "–" : `${fixed(100 * share, 1)} %`))))));
 }

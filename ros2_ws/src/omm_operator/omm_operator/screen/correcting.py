@@ -14,6 +14,7 @@ from omm_core.errors import InputError
 from omm_core.files.part import Part
 from omm_core.files.wishes import Jack
 from omm_core.geometry import RigidTransform, rotation_from_euler_xyz_rad
+from omm_core.words import keyed
 from omm_operator.screen.facts import EstimateFact
 from omm_operator.screen.result import nominal_theta
 from omm_report.language import Said, say
@@ -120,10 +121,10 @@ def typed_jacks(entries: object) -> tuple[Jack, ...]:
         Where it is no such list, or a number is none or out of reach.
     """
     if not isinstance(entries, list) or not 3 <= len(entries) <= 12:
-        raise InputError("Expected 3 to 12 jacks.")
+        raise InputError(keyed("said.jack_count", "Expected 3 to 12 jacks."))
     jacks = tuple(_typed_jack(entry) for entry in entries)
     if len({jack.name for jack in jacks}) != len(jacks):
-        raise InputError("Expected each jack's name once.")
+        raise InputError(keyed("said.jack_once", "Expected each jack's name once."))
     return jacks
 
 
@@ -132,12 +133,24 @@ def _typed_jack(entry: object) -> Jack:
         raise InputError("Expected each jack as name, x_mm, y_mm.")
     name = entry["name"]
     if not isinstance(name, str) or not name.isprintable() or not 1 <= len(name) <= NAME_LENGTH:
-        raise InputError(f"Expected a jack's name of 1 to {NAME_LENGTH} characters.")
+        raise InputError(
+            keyed(
+                "said.jack_name",
+                "Expected a jack's name of 1 to {n} characters.",
+                n=NAME_LENGTH,
+            )
+        )
     place = [entry["x_mm"], entry["y_mm"]]
     for value in place:
         fits = isinstance(value, int | float) and not isinstance(value, bool)
         if not fits or not abs(value) <= LARGEST_JACK_MM:
-            raise InputError(f"Expected a jack's place within ±{LARGEST_JACK_MM:g} mm.")
+            raise InputError(
+                keyed(
+                    "said.jack_place",
+                    "Expected a jack's place within ±{mm} mm.",
+                    mm=f"{LARGEST_JACK_MM:g}",
+                )
+            )
     return Jack(name=name, xyz_mm=np.array([*place, 0.0], dtype=float))
 
 

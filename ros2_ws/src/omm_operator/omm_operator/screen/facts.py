@@ -19,11 +19,20 @@ PROGRAM_STATES = ("unknown", "stopped", "running", "waiting", "interrupted", "fi
 
 @dataclass(frozen=True, kw_only=True)
 class ImageFact:
-    """What became of one image; ``reason`` is empty where nothing is wrong with it."""
+    """What became of one image; ``reason`` is empty where nothing is wrong with it.
+
+    ``pending``: it waits for spindle poses after it, and nothing is decided.
+    """
 
     stamp_ns: int
     used: bool
     reason: str = ""
+    pending: bool = False
+
+    @property
+    def refused(self) -> bool:
+        """Whether it is decided that it cannot be used."""
+        return bool(self.reason) and not self.used and not self.pending
 
 
 @dataclass(frozen=True, kw_only=True)

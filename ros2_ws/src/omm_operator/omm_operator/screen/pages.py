@@ -206,7 +206,7 @@ def _images(estimate: EstimateFact | None) -> dict[str, Any]:
     refused = [
         {"number": at, "why": said_of(image.reason).to_json_dict()}
         for at, image in enumerate(images, start=1)
-        if image.reason and not image.used
+        if image.refused
     ]
     return {
         "images": len(images),

@@ -112,7 +112,7 @@ class Screen:
             self._told_images.clear()
             self._told_findings.clear()
         for image in fact.images:
-            if image.reason and not image.used and image.stamp_ns not in self._told_images:
+            if image.refused and image.stamp_ns not in self._told_images:
                 self._told_images.add(image.stamp_ns)
                 self._trouble(
                     say("trouble.image", number=_number(fact, image.stamp_ns)), image.reason

@@ -14,10 +14,11 @@ import tornado.web
 from tornado.httputil import HTTPServerRequest
 
 from omm_core.errors import InputError
+from omm_core.words import of_error
 from omm_operator.screen.commands import parse
 from omm_operator.screen.desk import Asker, Desk
 from omm_operator.web.access import Hosts, Sessions, is_loopback
-from omm_report.language import LANGUAGES, catalogue, say
+from omm_report.language import LANGUAGES, catalogue, said_of
 
 PAGE = Path(__file__).parents[1] / "page"
 TYPES = {
@@ -212,7 +213,7 @@ class CommandPost(Guarded):
             command = parse(self.request.body)
         except InputError as error:
             self.set_status(400)
-            told = say("said.verbatim", text=error).to_json_dict()
+            told = said_of(of_error(error)).to_json_dict()
             self.finish({"accepted": False, "said": told})
             return
         answer = await self.desk.take(self.session, command)
