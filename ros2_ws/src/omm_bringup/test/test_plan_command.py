@@ -120,10 +120,23 @@ def test_picture_and_document_are_written_the_same_twice(files, tmp_path):
     assert (tmp_path / "1.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.parametrize(
+    ("control", "limit"),
+    [("siemens", "R96=20.000"), ("heidenhain", "Q96 = 20.000"), ("fanuc", "#506=20.000")],
+)
+def test_programs_of_three_other_controls_clamp_corrections_themselves(
+    files, tmp_path, control, limit
+):
+    program = tmp_path / "program.txt"
+    more = ["--control", control, "--limit", "20", "--out", str(program)]
+    assert main(["plan", *files, *more]) == 0
+    assert limit in program.read_text()
+
+
 @pytest.mark.parametrize("control", ["siemens", "heidenhain", "fanuc", "fagor"])
 def test_other_controls_get_every_stop(files, tmp_path, control):
     out, program = tmp_path / "plan.json", tmp_path / "program.txt"
-    more = ["--control", control, "--json", str(out), "--out", str(program)]
+    more = ["--control", control, "--limit", "0", "--json", str(out), "--out", str(program)]
     assert main(["plan", *files, *more]) == 0
     text = program.read_text().replace("+", "")
     assert "template" in text

@@ -2,7 +2,8 @@
 
 Positions are the axes' own, in machine coordinates. Where the handshake stands in each differs
 from plant to plant (PLC variables, outputs): the lines between ``omm`` comments show the order in
-which things must happen, with the control's usual means. No correction is read here.
+which things must happen, with the control's usual means. Those of Siemens, Fanuc and Heidenhain
+take corrections of their next stop (led_dialects.py).
 """
 
 from __future__ import annotations
@@ -12,8 +13,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from omm_core.errors import InputError
+from omm_core.planning.led_dialects import FIRST, LED, Led
 from omm_core.planning.linuxcnc_program import linuxcnc_program
-from omm_core.planning.program import Program
+from omm_core.planning.program import Program, ProgramStop
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,7 +25,9 @@ class _Dialect:
     start: tuple[str, ...]
     move: str
     stop: tuple[str, ...]
+    withdraw: tuple[str, ...]
     end: tuple[str, ...]
+    last: tuple[str, ...] = ()
     comment: str
     sign: bool = False
 
@@ -35,13 +39,13 @@ _DIALECTS = {
         stop=(
             "G4 F{s}",
             "; omm: number of the image, request, wait for the answer, withdraw",
-            "R90={n}",
-            "$A_OUT[1]=1",
+            "STOPRE",
+            "R11=0 R10={n}",
             "WAIT_{n}:",
             "STOPRE",
-            "IF $A_IN[1]==0 GOTOB WAIT_{n}",
-            "$A_OUT[1]=0",
+            "IF R11<>{n} GOTOB WAIT_{n}",
         ),
+        withdraw=("R10=0",),
         end=("M30",),
         comment="; {c}",
     ),
@@ -55,9 +59,10 @@ _DIALECTS = {
             "Q90 = {n}",
             "FN 19: PLC = +1 / +{n}",
             "FN 20: WAIT FOR M4800==1",
-            "FN 19: PLC = +0 / +0",
         ),
-        end=("M30", "END PGM OMM MM"),
+        withdraw=("FN 19: PLC = +0 / +0", "FN 20: WAIT FOR M4800==0"),
+        end=("M30",),
+        last=("END PGM OMM MM",),
         comment="; {c}",
         sign=True,
     ),
@@ -71,9 +76,10 @@ _DIALECTS = {
             "#1100=1",
             "WHILE[#1000EQ0]DO1",
             "END1",
-            "#1100=0",
         ),
-        end=("M30", "%"),
+        withdraw=("#1100=0", "WHILE[#1000EQ1]DO1", "END1"),
+        end=("M30",),
+        last=("%",),
         comment="({c})",
     ),
     "fagor": _Dialect(
@@ -85,8 +91,8 @@ _DIALECTS = {
             "V.PLC.R101={n}",
             "V.PLC.M1001=1",
             "#WAIT FOR [V.PLC.M1002 EQ 1]",
-            "V.PLC.M1001=0",
         ),
+        withdraw=("V.PLC.M1001=0", "#WAIT FOR [V.PLC.M1002 EQ 0]"),
         end=("M30",),
         comment="; {c}",
     ),
@@ -100,35 +106,83 @@ def program_text(program: Program, control: str = "linuxcnc") -> str:
     Raises
     ------
     InputError
-        Where there is no such control.
+        Where there is no such control, or the program looks for the part: LinuxCNC's does that.
     """
     if control == "linuxcnc":
         return linuxcnc_program(program)
     dialect = _DIALECTS.get(control)
     if dialect is None:
         raise InputError(f"Expected a control out of {', '.join(CONTROLS)}, got {control!r}.")
-    values = {"t": program.title, "f": f"{program.options.feed_mm_per_min:.0f}",
-              "s": f"{program.options.dwell_s:g}"}  # fmt: skip
-    lines = [line.format(**values) for line in dialect.start]
-    note = "template: adapt the handshake to the machine, and try it without a part first"
-    lines.insert(2, dialect.comment.format(c=note))
-    first = program.stops[0].axes
-    beside = {name: v for name, v in first.items() if name not in {*program.clear, *program.rotary}}
-    turned = {name: v for name, v in first.items() if name in program.rotary}
-    for axes in filter(None, (program.clear, turned, beside)):
-        lines.append(_moved(program, dialect, axes))
-    for number, stop in enumerate(program.stops, start=1):
-        lines.append(dialect.comment.format(c=f"image {number}: {stop.label}"))
-        for axes in (*stop.leave, *stop.arrive, stop.axes):
-            lines.append(_moved(program, dialect, axes))
-        lines += [line.format(n=number, **values) for line in dialect.stop]
-    lines.append(_moved(program, dialect, program.away))
-    return "\n".join([*lines, *dialect.end]) + "\n"
+    if any(stop.look for stop in program.stops):
+        raise InputError(f"A look for the part (--search) is LinuxCNC's only, got {control}.")
+    led = LED.get(control) if program.options.limit_mm > 0.0 else None
+    return "\n".join(_Writer(program, control, dialect, led).lines()) + "\n"
 
 
-def _moved(program: Program, dialect: _Dialect, axes: Mapping[str, float]) -> str:
-    words = []
-    for name, value in axes.items():
-        number = math.degrees(value) if name in program.rotary else value
-        words.append(f"{name}{number:+.4f}" if dialect.sign else f"{name}{number:.4f}")
-    return dialect.move.format(x=" ".join(words), f=f"{program.options.feed_mm_per_min:.0f}")
+@dataclass(frozen=True)
+class _Writer:
+    """A program in a dialect, with or without corrections."""
+
+    program: Program
+    control: str
+    dialect: _Dialect
+    led: Led | None
+
+    def lines(self) -> list[str]:
+        """Return all lines."""
+        program, dialect, led = self.program, self.dialect, self.led
+        options = program.options
+        lines = [line.format(t=program.title, f=self._feed) for line in dialect.start]
+        note = "template: adapt the handshake to the machine, and try it without a part first"
+        lines.insert(2, dialect.comment.format(c=note))
+        if led is not None:
+            numbers = {"l": f"{options.limit_mm:.3f}", "k": options.tries}
+            lines += [line.format(**numbers) for line in led.start]
+        first = program.stops[0].axes
+        skipped = {*program.clear, *program.rotary}
+        beside = {name: v for name, v in first.items() if name not in skipped}
+        turned = {name: v for name, v in first.items() if name in program.rotary}
+        for axes in filter(None, (program.clear, turned, beside)):
+            lines += self._moved(axes)
+        for number, stop in enumerate(program.stops, start=1):
+            lines += self._stop(number, stop)
+        lines += self._moved(program.away)
+        return [*lines, *dialect.end, *(led.subprogram if led else ()), *dialect.last]
+
+    @property
+    def _feed(self) -> str:
+        return f"{self.program.options.feed_mm_per_min:.0f}"
+
+    def _stop(self, number: int, stop: ProgramStop) -> list[str]:
+        led, dialect = self.led, self.dialect
+        old, now = (led.old, led.now) if led else ("", "")
+        values = {"n": number, "back": 1000 + number, "skip": 2000 + number,
+                  "s": f"{self.program.options.dwell_s:g}"}  # fmt: skip
+        lines = [dialect.comment.format(c=f"image {number}: {stop.label}")]
+        for axes in stop.leave:
+            lines += self._moved(axes, old)
+        for axes in stop.arrive:
+            lines += self._moved(axes, now)
+        lines += [line.format(**values) for line in (led.again if led else ())]
+        lines += self._moved(stop.axes, now)
+        read, loop = (led.read, led.loop) if led else ((), ())
+        handshake = (*dialect.stop, *read, *dialect.withdraw, *loop)
+        return lines + [line.format(**values) for line in handshake]
+
+    def _moved(self, axes: Mapping[str, float], shift: str = "") -> list[str]:
+        words, before = [], []
+        for name, value in axes.items():
+            number = math.degrees(value) if name in self.program.rotary else value
+            if not (shift and self.led and name in "XYZ"):
+                sign = "+" if self.dialect.sign else ""
+                words.append(f"{name}{number:{sign}.4f}")
+                continue
+            parts = {
+                "a": name, "v": f"{number:.4f}", "p": shift, "u": f"{abs(number):.4f}",
+                "s": " - " if number < 0.0 else " + ",
+                "j": FIRST[self.control] + "XYZ".index(name),
+            }  # fmt: skip
+            words.append(self.led.word.format(**parts))
+            if self.led.before:
+                before.append(self.led.before.format(**parts))
+        return [*before, self.dialect.move.format(x=" ".join(words), f=self._feed)]
