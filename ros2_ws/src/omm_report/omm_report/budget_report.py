@@ -45,9 +45,9 @@ def budget_document(
     for line in verdict_lines(budget):
         document.paragraph(line)
     document.heading("Points")
-    document.table(_point_rows(budget), widths=(3.4, *[1.0] * 9))
+    document.table(_point_rows(budget), widths=(2.4, *[1.0] * 9))
     document.heading("Contributors")
-    document.table(_contributor_rows(budget))
+    document.table(_contributor_rows(budget), widths=(2.6, 1.2, 1.1, 0.9, 0.9, 0.9, 0.9))
     document.figure(shares_figure(budget), width_mm=130.0)
     document.heading("Over the part")
     document.table(map_rows(box_map))

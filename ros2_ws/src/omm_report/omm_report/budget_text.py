@@ -118,6 +118,7 @@ def _worst_lines(budget: Budget) -> list[str]:
         f"{budget.points[point].name}, standard uncertainties in µm, share of the variance along"
         f" {'XYZ'[axis]}"
     ]
+    width = max(20, *(len(name) for name in budget.shares()))
     for name, share in budget.shares().items():
         if name in GROUPS:
             value = root_sum_squares(budget.contributions, name)[point]
@@ -125,7 +126,7 @@ def _worst_lines(budget: Budget) -> list[str]:
             one = next(c for c in budget.contributions if c.name == name)
             value = np.abs(one.millimetres[point])
         cells = " ".join(f"{1e3 * v:8.2f}" for v in value)
-        lines.append(f"  {name:<20} {cells} {share:8.1%}")
+        lines.append(f"  {name:<{width}} {cells} {share:8.1%}")
     u = " ".join(f"{1e3 * v:8.2f}" for v in budget.combined.standard_uncertainty_mm[point])
-    lines.append(f"  {'u, all together':<20} {u}")
+    lines.append(f"  {'u, all together':<{width}} {u}")
     return lines
