@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from estimator_bench import Bench, bench_in_own_domain, end
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from lifecycle_msgs.msg import Transition
@@ -246,3 +246,24 @@ def test_deactivated_it_takes_no_image_and_keeps_what_was_measured(
 def _change(bench: Bench, transition: int) -> None:
     request = ChangeState.Request(transition=Transition(id=transition))
     assert bench.call(ChangeState, "/estimator/change_state", request).success  # type: ignore[attr-defined]
+
+
+def test_an_estimator_that_can_get_nothing_does_not_say_that_it_is_fine(bench: Bench) -> None:
+    lines: dict[str, tuple[bytes, str]] = {}
+
+    def heard(array: DiagnosticArray) -> None:
+        lines.update({s.name: (s.level, s.message) for s in array.status})
+
+    def says(words: str) -> bool:
+        level, message = lines.get("estimator: images", (DiagnosticStatus.OK, ""))
+        return level != DiagnosticStatus.OK and words in message
+
+    bench.node.create_subscription(DiagnosticArray, "/diagnostics", heard, 10)
+    bench.until(lambda: says("no spindle pose for"), "word of missing poses", lambda: lines)
+    change = Transition(id=Transition.TRANSITION_DEACTIVATE)
+    bench.call(ChangeState, "/estimator/change_state", ChangeState.Request(transition=change))
+    bench.until(lambda: says("not active"), "word of being inactive", lambda: lines)
+    bench.node.destroy_publisher(bench.pose)
+    change = Transition(id=Transition.TRANSITION_ACTIVATE)
+    bench.call(ChangeState, "/estimator/change_state", ChangeState.Request(transition=change))
+    bench.until(lambda: says("nobody publishes /cnc/spindle_pose"), "word of it", lambda: lines)
