@@ -1,14 +1,18 @@
 """`sensor_msgs/CameraInfo` from a calibration file, or from a ROS calibration."""
 
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote, urlparse
 
 import numpy as np
+import yaml
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from sensor_msgs.msg import CameraInfo
 
 from omm_core.errors import InputError
+from omm_core.files.output import write_whole
 from omm_core.files.yaml_input import read_yaml
 from omm_core.imaging.calibration import load_calibration
 from omm_core.imaging.lens import BrownPhotogrammetric, PlumbBob
@@ -58,6 +62,46 @@ def from_url(url: str) -> InfoSource:
         k1=float(d[0]), k2=float(d[1]), p1=float(d[2]), p2=float(d[3]), k3=float(d[4]),
     )  # fmt: skip
     return InfoSource(message=_message(lens))
+
+
+def keep(url: str, message: CameraInfo) -> InfoSource:
+    """Write a calibration, as ROS's camera_calibration sends it, to the file of an address.
+
+    Returns
+    -------
+    InfoSource
+        What was read back from there.
+
+    Raises
+    ------
+    InputError
+        It is no plumb_bob calibration, or the file cannot be written.
+    """
+    if message.distortion_model != "plumb_bob" or len(message.d) != 5:
+        raise InputError(
+            f"Expected a plumb_bob calibration with 5 coefficients, got "
+            f"{message.distortion_model or 'none'} with {len(message.d)}."
+        )
+    numbers = [*message.k, *message.d, *message.r, *message.p]
+    if not (message.k[0] > 0.0 and message.width and all(map(math.isfinite, numbers))):
+        raise InputError("Expected a calibration with a focal length and finite numbers.")
+    content = {
+        "image_width": message.width,
+        "image_height": message.height,
+        "camera_name": "camera",
+        "camera_matrix": _matrix(3, message.k),
+        "distortion_model": message.distortion_model,
+        "distortion_coefficients": _matrix(1, message.d),
+        "rectification_matrix": _matrix(3, message.r),
+        "projection_matrix": _matrix(3, message.p),
+    }
+    write_whole(_path(url), yaml.safe_dump(content, sort_keys=False, default_flow_style=None))
+    return from_url(url)
+
+
+def _matrix(rows: int, values: Iterable[float]) -> dict[str, object]:
+    data = [float(value) for value in values]
+    return {"rows": rows, "cols": len(data) // rows, "data": data}
 
 
 def uncalibrated() -> InfoSource:

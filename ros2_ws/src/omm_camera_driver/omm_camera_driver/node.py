@@ -12,6 +12,7 @@ from rclpy._rclpy_pybind11 import RCLError
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.srv import SetCameraInfo
 from std_msgs.msg import Empty
 
 from omm_camera_driver import camera_info
@@ -179,6 +180,27 @@ class CameraNode(CountingLifecycleNode):
         else:
             self.get_logger().info(f"{name}: asked for {value:g}, granted {granted:g}")
 
+    def _on_set_camera_info(
+        self, request: SetCameraInfo.Request, response: SetCameraInfo.Response
+    ) -> SetCameraInfo.Response:
+        """Keep what ROS's camera_calibration has found, where camera_info is read from."""
+        file, url = self._wanted.calibration_file, self._wanted.camera_info_url
+        try:
+            if file:
+                raise InputError(
+                    f"camera_info is made of {file}, which says more (where the camera sits in the "
+                    "taper): calibrate with ./omm calibrate, and give the node the new file."
+                )
+            if not url:
+                raise InputError("Expected the parameter camera_info_url: where to keep it.")
+            self._info = camera_info.keep(url, request.camera_info)
+        except InputError as error:
+            response.success, response.status_message = False, str(error)
+            return response
+        response.success, response.status_message = True, f"kept in {url}"
+        self.get_logger().info(f"camera_info was set, and is {response.status_message}")
+        return response
+
     # --- wiring ---
 
     def _make_interfaces(self) -> None:
@@ -189,11 +211,15 @@ class CameraNode(CountingLifecycleNode):
         service = self.create_service(
             TriggerImage, "~/trigger", self._trigger, callback_group=group
         )
+        setting = self.create_service(
+            SetCameraInfo, topics.SET_CAMERA_INFO, self._on_set_camera_info
+        )
         asked = self.create_subscription(Empty, "~/take_image", self._on_take_image, qos.STATE)
         self._undo: list[Callable[[], Any]] = [
             partial(self.destroy_publisher, self._images),
             partial(self.destroy_publisher, self._infos),
             partial(self.destroy_service, service),
+            partial(self.destroy_service, setting),
             partial(self.destroy_subscription, asked),
         ]
         if self._wanted.driver == "simulated":

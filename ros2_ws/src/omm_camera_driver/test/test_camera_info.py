@@ -102,3 +102,36 @@ def test_the_message_of_a_calibration_undistorts_within_the_error_it_tells() -> 
 
 def test_without_a_calibration_it_says_so_as_ros_does() -> None:
     assert camera_info.uncalibrated().message.k[0] == 0.0
+
+
+def test_what_camera_calibration_sends_is_kept_and_read_back_at_the_next_start(
+    ros_file: Path, tmp_path: Path
+) -> None:
+    sent = camera_info.from_url(ros_file.as_uri()).message
+    kept = tmp_path / "kept.yaml"
+    told = camera_info.keep(kept.as_uri(), sent).message
+    again = camera_info.from_url(kept.as_uri()).message
+    for of in (told, again):
+        assert (of.width, of.height) == (sent.width, sent.height)
+        assert list(of.k) == list(sent.k)
+        assert list(of.d) == list(sent.d)
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ({"distortion_model": "fisheye"}, "Expected a plumb_bob calibration with 5"),
+        ({"d": [0.0] * 8}, "Expected a plumb_bob calibration with 5"),
+        ({"k": [0.0] * 9}, "Expected a calibration with a focal length"),
+        ({"d": [float("nan")] * 5}, "finite numbers"),
+    ],
+)
+def test_a_calibration_that_cannot_be_used_is_not_kept(
+    ros_file: Path, tmp_path: Path, changed: dict[str, object], told: str
+) -> None:
+    message = camera_info.from_url(ros_file.as_uri()).message
+    for name, value in changed.items():
+        setattr(message, name, value)
+    with pytest.raises(InputError, match=told):
+        camera_info.keep((tmp_path / "kept.yaml").as_uri(), message)
+    assert not (tmp_path / "kept.yaml").exists()

@@ -6,6 +6,7 @@ apart by its frames (parameter `frame_prefix`) and by its nodes' full names.
 
 IMAGE = "camera/image_raw"
 CAMERA_INFO = "camera/camera_info"
+SET_CAMERA_INFO = "camera/set_camera_info"
 SPINDLE_POSE = "cnc/spindle_pose"
 SPINDLE_STATE = "cnc/state"
 OBSERVATIONS = "omm/observations"
