@@ -1,0 +1,279 @@
+"""Find the nodes of axes, channel and spindle on an OPC UA server, and what their values mean.
+
+Where the mapping names no axes, they are those of the server's CncInterface (OPC 40502).
+"""
+
+from __future__ import annotations
+
+from asyncua import Client, Node, ua
+
+from omm_cnc_bridge.controls.opcua.mapping import (
+    ANGLE_UNITS,
+    TWICE,
+    UNITS,
+    AxisItems,
+    Mapping40502,
+)
+from omm_cnc_bridge.controls.opcua.two_measurements import TwoMeasurements
+from omm_core.errors import InputError
+
+_UNIT_CODES = {"MMT": "mm", "MTR": "m", "INH": "inch", "C81": "rad", "DD": "deg"}
+_UNIT_WORDS = {
+    "mm": "mm",
+    "m": "m",
+    "in": "inch",
+    "inch": "inch",
+    "rad": "rad",
+    "°": "deg",
+    "deg": "deg",
+}
+_CHANNEL_NAMES = {
+    "mode": "ActOperationMode",
+    "program_status": "ActProgramStatus",
+    "program": "ActMainProgramName",
+    "program_line": "ActMainProgramLine",
+}
+_AXIS_NAMES = {
+    "PosDirect": "PosDirect",
+    "PosIndirect": "PosIndirect",
+    "status": "ActStatus",
+    "referenced": "IsReferenced",
+    "virtual": "IsVirtual",
+    "inactive": "IsInactive",
+    "rotational": "IsRotational",
+}
+POSITIONS = ("position", *TWICE)
+COMMANDED = {"position": "commanded", **{item: f"{item} commanded" for item in TWICE}}
+Key = tuple[str, str]  # axis and item, or "" and an item of the channel
+CLOCK: Key = ("", "clock")
+
+
+class NodeFinder:
+    """Finds nodes, and learns how their values are to be read.
+
+    Attributes
+    ----------
+    scales : dict
+        By usable axis: what makes mm or rad of its values.
+    rest_values : dict
+        By axis: the status that it has in position.
+    unusable : dict
+        By axis: why no position of it can be used.
+    twice : dict
+        By axis that is measured directly and indirectly: which of the two to take.
+    per_angle : float
+        What makes rad of the spindle's angle.
+    """
+
+    def __init__(self, client: Client, mapping: Mapping40502) -> None:
+        self._client, self._mapping = client, mapping
+        self.scales: dict[str, float] = {}
+        self.rest_values: dict[str, int] = {}
+        self.unusable: dict[str, str] = {}
+        self.twice: dict[str, TwoMeasurements] = {}
+        self.per_angle = UNITS["deg"]
+
+    async def nodes(self) -> dict[Key, Node]:
+        """Return the nodes to subscribe to, by axis and item."""
+        axes = dict(self._mapping.axes) or await self._browse_axes()
+        nodes: dict[Key, Node] = {}
+        for name, items in axes.items():
+            nodes |= await self._axis_nodes(name, items)
+        if not self.scales:
+            reasons = "; ".join(f"axis {axis} {why}" for axis, why in self.unusable.items())
+            raise InputError(f"OPC UA: expected axes that can be used: {reasons or 'none are'}.")
+        nodes |= await self._channel_nodes()
+        nodes[CLOCK] = self._client.get_node(ua.ObjectIds.Server_ServerStatus_CurrentTime)
+        return nodes
+
+    async def find(self, path: str, start: Node | None = None) -> Node:
+        """Return the node of a path or node id; raise InputError where there is none."""
+        if "=" in path.split("/", 1)[0]:
+            return await self._by_id(path)
+        node = start or self._client.nodes.objects
+        for name in path.split("/"):
+            found = await _child(node, name)
+            if found is None:
+                names = [(await c.read_browse_name()).Name for c in await node.get_children()]
+                raise InputError(
+                    f"OPC UA: expected {name} of the path {path}, the server has {names} there."
+                )
+            node = found
+        return node
+
+    async def _by_id(self, text: str) -> Node:
+        if text.startswith("nsu="):
+            uri, rest = text[4:].split(";", 1)
+            text = f"ns={await self._client.get_namespace_index(uri)};{rest}"
+        return self._client.get_node(text)
+
+    async def _interface(self) -> Node:
+        """Return the server's CncInterface that has axes, at most three levels below Objects.
+
+        OPC 40502's own nodeset brings an interface without any ("test") along.
+        """
+        level = [self._client.nodes.objects]
+        for _ in range(3):
+            below: list[Node] = []
+            for node in level:
+                axes = await _child(node, "CncAxisList")
+                if axes is not None and await axes.get_children(nodeclassmask=ua.NodeClass.Object):
+                    return node
+                if node.nodeid != ua.NodeId(ua.ObjectIds.Server):
+                    below += await node.get_children()
+            level = below
+        raise InputError(
+            "OPC UA: expected a CncInterface with a CncAxisList (OPC 40502), found none. Set "
+            "opcua_mapping_file to a file that names the control's own nodes."
+        )
+
+    async def _browse_axes(self) -> dict[str, AxisItems]:
+        axis_list = await self.find("CncAxisList", await self._interface())
+        axes = {}
+        for axis in await axis_list.get_children(nodeclassmask=ua.NodeClass.Object):
+            paths = {}
+            for item, name in _AXIS_NAMES.items():
+                node = await _child(axis, name)
+                if node is not None:
+                    paths[item] = node.nodeid.to_string()
+            positions = [item for item in TWICE if item in paths]
+            if len(positions) == 1:
+                paths["position"] = paths.pop(positions[0])
+            if positions:
+                axes[(await axis.read_browse_name()).Name] = AxisItems(paths=paths)
+        if not axes:
+            raise InputError("OPC UA: expected axes in the CncAxisList, it is empty.")
+        return axes
+
+    async def _axis_nodes(self, name: str, items: AxisItems) -> dict[Key, Node]:
+        nodes = {(name, item): await self.find(path) for item, path in items.paths.items()}
+        self.rest_values[name] = items.in_position
+        if await _says_true(nodes.pop((name, "virtual"), None)):
+            return {}
+        rotational = nodes.pop((name, "rotational"), None)
+        turns = await _bool(rotational) if rotational is not None else None
+        units: dict[str, str | None] = {}
+        for item in POSITIONS:
+            if (name, item) in nodes:
+                units[item] = await self._split(name, item, nodes)
+        if items.unit:
+            units = dict.fromkeys(units, items.unit)
+        elif len(units) > 1 and any(units.values()):
+            units = _without_unitless(name, units, nodes)
+        trouble = _unit_trouble(set(units.values()), turns)
+        if trouble:
+            self.unusable[name] = trouble
+            inactive = nodes.get((name, "inactive"))
+            return {} if inactive is None else {(name, "inactive"): inactive}
+        unit = str(next(iter(units.values())))
+        self.scales[name] = UNITS[unit]
+        if (name, TWICE[0]) in nodes:
+            self.twice[name] = TwoMeasurements(rotary=unit in ANGLE_UNITS)
+        return nodes
+
+    async def _split(self, name: str, item: str, nodes: dict[Key, Node]) -> str | None:
+        """Take a structure's fields where they are variables below it; tell the unit.
+
+        They come with units, and one by one.
+        """
+        position = nodes[name, item]
+        actual, commanded = await _child(position, "ActPos"), await _child(position, "CmdPos")
+        if actual is not None:
+            nodes[name, item] = actual
+            if commanded is not None:
+                nodes.setdefault((name, COMMANDED[item]), commanded)
+        return await _unit(nodes[name, item]) or await _unit(position)
+
+    async def _channel_nodes(self) -> dict[Key, Node]:
+        found: dict[Key, Node | None] = {}
+        if self._mapping.axes:
+            for item, path in self._mapping.channel.items():
+                found["", item] = await self.find(path)
+        else:
+            interface = await self._interface()
+            if channel := await _first(interface, "CncChannelList"):
+                for item, name in _CHANNEL_NAMES.items():
+                    found["", item] = await _child(channel, name)
+            if spindle := await _first(interface, "CncSpindleList"):
+                found["", "spindle_angle"] = await _child(spindle, "AnglePos")
+        nodes = {key: node for key, node in found.items() if node is not None}
+        angle = nodes.get(("", "spindle_angle"))
+        if angle is not None:
+            actual = await _child(angle, "ActPos") or angle
+            nodes["", "spindle_angle"] = actual
+            self.per_angle = UNITS[await _unit(actual) or await _unit(angle) or "deg"]
+        return nodes
+
+
+async def _child(node: Node, name: str) -> Node | None:
+    """Return a child by its browse name; a name without ``ns:`` fits any namespace."""
+    wanted = ua.QualifiedName.from_string(name) if ":" in name else None
+    for reference in await node.get_references(direction=ua.BrowseDirection.Forward):
+        browse_name = reference.BrowseName
+        if browse_name == wanted or (wanted is None and browse_name.Name == name):
+            return Node(node.session, reference.NodeId)
+    return None
+
+
+def _without_unitless(
+    name: str, units: dict[str, str | None], nodes: dict[Key, Node]
+) -> dict[str, str | None]:
+    """Leave out positions that exist by type only: without a unit, beside another."""
+    kept = {item: unit for item, unit in units.items() if unit is not None}
+    for item in units.keys() - kept.keys():
+        for key in (item, COMMANDED[item]):
+            nodes.pop((name, key), None)
+    if len(kept) > 1:
+        return dict(kept)
+    ((only, unit),) = kept.items()
+    for key, plain in ((only, "position"), (COMMANDED[only], "commanded")):
+        if (name, key) in nodes:
+            nodes[name, plain] = nodes.pop((name, key))
+    return {"position": unit}
+
+
+async def _bool(node: Node) -> bool | None:
+    """Return a node's yes or no; None where it says neither."""
+    try:
+        value = await node.read_value()
+    except ua.UaError:
+        return None
+    return value if isinstance(value, bool) else None
+
+
+async def _says_true(node: Node | None) -> bool:
+    return node is not None and await _bool(node) is True
+
+
+def _unit_trouble(units: set[str | None], turns: bool | None) -> str:
+    """Return why units give no scale; empty where they do."""
+    if None in units:
+        return "tells no unit; give it in the mapping file"
+    if len(units) > 1:
+        return f"has positions in {' and '.join(sorted(str(u) for u in units))}"
+    unit = next(iter(units))
+    if turns is not None and turns != (unit in ANGLE_UNITS):
+        return f"{'turns' if turns else 'does not turn'} but is told in {unit}"
+    return ""
+
+
+async def _first(interface: Node, name: str) -> Node | None:
+    """Return the first object of a list of the interface."""
+    found = await _child(interface, name)
+    objects = await found.get_children(nodeclassmask=ua.NodeClass.Object) if found else []
+    return objects[0] if objects else None
+
+
+async def _unit(node: Node) -> str | None:
+    """Return the unit in a variable's EngineeringUnits: by UNECE's code, or in words."""
+    units = await _child(node, "EngineeringUnits")
+    if units is None:
+        return None
+    try:
+        value = await units.read_value()
+    except ua.UaError:  # of an axis that is none, often
+        return None
+    if not isinstance(value, ua.EUInformation):
+        return None
+    code = "".join(chr((value.UnitId >> shift) & 0xFF) for shift in (16, 8, 0)).strip("\0")
+    return _UNIT_CODES.get(code) or _UNIT_WORDS.get((value.DisplayName.Text or "").strip().lower())
