@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from planning_cells import MACHINE, REAL, camera, part, scene
+from planning_cells import MACHINE, REAL, camera, kinematics, part, scene
 
 from omm_core.imaging.taking import Body, Imaging
 from omm_core.planning.candidates import find_candidates, rotary_positions
@@ -96,3 +96,15 @@ def test_a_camera_that_would_meet_a_part_that_lies_higher_is_told() -> None:
     assert "z +50 mm" in told[0]
     free = make_plan(scene(REAL), MACHINE, Wish())
     assert not [words for words in free.findings if "would meet" in words]
+
+
+def test_a_part_larger_than_the_machine_is_told_with_the_axis_and_no_more() -> None:
+    short = kinematics(((-1000.0, 700.0), (-1000.0, 2000.0), (-500.0, 1500.0)))
+    plan = make_plan(scene(REAL, kinematics=short), MACHINE, Wish(point_mm=0.05))
+    assert not plan.reached
+    assert "seen can be 2 of 4" in plan.findings[0]
+    assert "axis X would be over its limit" in plan.findings[0]
+    # What more images or another place would do means nothing where nothing is determined.
+    assert not [w for w in plan.findings if "images" in w.lower() or "views are lost" in w]
+    # Room about the targets is given up only where that shows more of them.
+    assert plan.scene.play_mm == 10.0

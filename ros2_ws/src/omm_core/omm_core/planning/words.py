@@ -47,9 +47,10 @@ def findings_of(
             " move the part, or allow the axes more travel."
         )
     words += _ends_of_the_way(plan)
-    words += _more_images(pool, chosen)
+    determined = determines(pool.designs, chosen)
+    words += _more_images(pool, chosen) if determined else []
     words += _not_told(plan)
-    words += _elsewhere(plan)
+    words += _elsewhere(plan) if determined else _met(plan)
     return tuple(words)
 
 
@@ -61,7 +62,8 @@ def _what_is_missing(
             "The pose is not determined: three targets that do not lie on a line are needed, seen"
             f" can be {len(plan.bumps_mm)} of {len(plan.scene.part.targets)}"
             + "".join(
-                f"; {words}" for words in sorted({f"of others {why}" for why in unseen.values()})
+                f"; {words}"
+                for words in sorted({f"of the others, {why}" for why in unseen.values()})
             )
             + ". Put more where the camera can look at them."
         ]
