@@ -8,6 +8,8 @@ from omm_core.camera_calibration.result import (
     CalibrationResult,
     projection_sigma_px,
 )
+from omm_core.camera_calibration.seven import DISTANCE_MM as RESULT_DISTANCE_MM
+from omm_core.camera_calibration.seven import result_sigma
 
 
 def calibration_lines(result: CalibrationResult) -> list[str]:
@@ -32,5 +34,17 @@ def calibration_lines(result: CalibrationResult) -> list[str]:
         beyond = "" if near <= distance <= far else "  (outside what the set covers)"
         middle = spread[len(spread) // 2, len(spread) // 2]
         lines.append(f"  {distance:>5.0f} mm  {middle:.4f}  {spread.max():.4f}{beyond}")
+    lines.append(result_sigma_words(result))
     lines += [f"finding: {words}" for words in result.findings]
     return lines
+
+
+def result_sigma_words(result: CalibrationResult) -> str:
+    """Return what the camera's uncertainty alone does to a standard measurement (seven.py)."""
+    sigma = result_sigma(result.sensor, result.camera, result.covariance)
+    x, y, z = (f"{1000 * v:.2g}" for v in sigma[3:6])
+    return (
+        f"a part of 1 m measured from {RESULT_DISTANCE_MM:.0f} mm, by this camera alone (sigma): "
+        f"x {x}, y {y}, z {z} µm, clamping angle {1e6 * sigma[6]:.2g} µrad; errors of the camera"
+        " are the same at each target and turn nothing"
+    )

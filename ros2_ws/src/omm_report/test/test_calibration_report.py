@@ -8,6 +8,8 @@ import pikepdf
 
 from omm_core.camera_calibration.model import Sensor
 from omm_core.camera_calibration.result import CalibrationResult, Observation
+from omm_core.camera_calibration.seven import result_sigma
+from omm_report.calibration_figures import calibration_figures, write_pictures
 from omm_report.calibration_report import calibration_document
 from omm_report.calibration_text import calibration_lines
 
@@ -45,3 +47,19 @@ def test_what_is_undetermined_and_what_is_extrapolated_is_said() -> None:
     lines = calibration_lines(_result())
     assert any("z_mm" in line and "undetermined" in line for line in lines)
     assert sum("outside what the set covers" in line for line in lines) == 2
+
+
+def test_all_pictures_are_written(tmp_path) -> None:
+    write_pictures(_result(), tmp_path / "pictures")
+    names = sorted(p.name for p in (tmp_path / "pictures").iterdir())
+    assert names == sorted(f"{name}.png" for name in calibration_figures(_result()))
+
+
+def test_an_error_of_the_camera_across_is_one_of_the_part() -> None:
+    result = _result()
+    only_x = np.zeros((13, 13))
+    only_x[7, 7] = 1e-6
+    sigma = result_sigma(result.sensor, result.camera, only_x)
+    # Looking along -z, unturned: a shift of the camera is a shift of the part, and nothing else.
+    assert np.abs(sigma[3:6] - [1e-3, 0, 0]).max() < 1e-9
+    assert np.abs(sigma[[0, 1, 2, 6]]).max() < 1e-9

@@ -24,6 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", metavar="CAMERA.yaml", type=Path, help="write the calibration")
     parser.add_argument("--json", metavar="OUT", type=Path, help="write the result as JSON")
     parser.add_argument("--report", metavar="PDF", type=Path, help="write it as a document")
+    parser.add_argument("--pictures", metavar="FOLDER", type=Path, help="write its pictures as PNG")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -37,6 +38,8 @@ def run(arguments: argparse.Namespace) -> int:
     of_check = [f"--{n}" for n in ("part", "calibration", "machine") if getattr(arguments, n)]
     if of_check and given != ["check"]:
         raise InputError(f"{of_check[0]} goes with --check RUN.")
+    if arguments.pictures is not None and given != ["set"]:
+        raise InputError("--pictures goes with a SET.")
     return tasks[given[0]](arguments)
 
 
@@ -95,5 +98,9 @@ def _calibrate(arguments: argparse.Namespace) -> int:
         from omm_report.calibration_report import calibration_document
 
         write_whole(arguments.report, calibration_document(result, given.path.parent.name))
+    if arguments.pictures is not None:
+        from omm_report.calibration_figures import write_pictures
+
+        write_pictures(result, arguments.pictures)
     print("\n".join(calibration_lines(result)))
     return 0

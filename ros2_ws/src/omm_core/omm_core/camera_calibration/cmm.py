@@ -113,6 +113,7 @@ def calibrate_by_places(
         ),
         images=int(used.sum()),
         covered_mm=_covered(sensor, camera, places),
+        dots_mm=places,
         findings=(*_findings(solution, used, images), *_contradiction(halves)),
         extra={} if halves is None else {"halves_chi2": halves, "halves_degrees_of_freedom": 13},
     )

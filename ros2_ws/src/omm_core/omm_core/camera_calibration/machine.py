@@ -210,6 +210,7 @@ def _result(run: PlateRun, weeded: Weeded, assumed: dict[str, float]) -> Calibra
         ),
         images=len(run.places),
         covered_mm=(float(depth.min()), float(depth.max())),
+        dots_mm=in_taper,
         undetermined=tuple(name for name in PARAMETERS if name in assumed),
     )
     return replace(result, findings=_findings(run, weeded, assumed))

@@ -50,7 +50,8 @@ class CalibrationResult:
     """A camera with the covariance of its 13 parameters, and how it was found.
 
     ``covered_mm`` is the range of distances before the camera at which dots were seen;
-    ``undetermined`` names parameters about which the set says nothing.
+    ``undetermined`` names parameters about which the set says nothing; ``dots_mm`` (N, 3) is where
+    each observation's dot was, taper frame (empty where not told).
     """
 
     sensor: Sensor
@@ -65,12 +66,20 @@ class CalibrationResult:
     findings: tuple[str, ...] = ()
     undetermined: tuple[str, ...] = ()
     extra: dict[str, Any] = field(default_factory=dict)
+    dots_mm: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property
     def rms_px(self) -> float:
         """Root mean square of all used residuals, each of col and row counted."""
         used = [o.residual_px for o in self.observations if o.reason is None]
         return float(np.sqrt(np.mean(np.square(used))))
+
+    @property
+    def covered_px(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """The box of the image in which dots were used: (col, row) of its corners."""
+        pixels = np.array([o.pixel for o in self.observations if o.reason is None])
+        low, high = pixels.min(axis=0), pixels.max(axis=0)
+        return (float(low[0]), float(low[1])), (float(high[0]), float(high[1]))
 
     def to_json_dict(self) -> dict[str, Any]:
         """Return ``calibrate --json`` (contract)."""
