@@ -241,8 +241,10 @@ def read_ring(image, shape, lean, light, inner, outer, bits_count):
                 total += 1.0
                 on += still[side, i] > 0.4
         facts[5 + side] = on / total if total > 0.0 else 0.0
+    # What blur brings over from set sectors, of which a saturated one is brighter than it looks.
+    over = 2.0 if wider > 0.0 else 1.0
     for i in range(2 * count):
-        ring[i] = bases[i] + heights[i] * ring[i]
+        ring[i] = bases[i] + heights[i] * (ring[i] - over * (ring[i] - error[i]))
     at[0] = 0.65
     dot = ring_profile(image, col, row, a11, a12, a22, lean[0], lean[1], at, count)
     for i in range(count):

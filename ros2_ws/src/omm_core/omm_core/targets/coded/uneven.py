@@ -39,11 +39,11 @@ from omm_core.targets.conic.outline import (
     square_root,
 )
 
-RAYS = 48
+FEW_RAYS, RAYS = 16, 48
 MIN_FALL = 0.3
 """Difference by the darker side, over two steps along a ray, from which on there is an edge."""
-MIN_RAYS = 42
-"""Rays that must meet the ellipse."""
+MIN_SHARE = 0.87
+"""Share of the rays that must meet the ellipse."""
 MIN_RATIO = 1.6
 """Brighter by darker side, from which on a sector differs from what is around it."""
 MAX_SIDES = 1.6
@@ -73,10 +73,12 @@ def outline_uneven(image, candidate, unit):
     shape = np.empty(9)
     shape[:5] = candidate[:5]
     points, levels = np.empty((RAYS, 2)), np.empty((RAYS, 3))
-    for turn in range(3):
-        if not _edges(image, shape, candidate[5], turn, unit, points, levels):
+    for turn in range(2):
+        # A first look with few rays finds where the dot is, and turns most that is none away.
+        rays = FEW_RAYS if turn == 0 else RAYS
+        if not _edges(image, shape, candidate[5], turn, unit, points[:rays], levels):
             return shape, False
-        if not _ellipse(points, levels, shape, turn):
+        if not _ellipse(points[:rays], levels, shape, turn):
             return shape, False
     smaller, larger = semi_axes(shape[2], shape[3], shape[4])
     fits = shape[7] <= 0.15 + 0.04 * smaller
@@ -88,8 +90,10 @@ def _edges(image, shape, sign, turn, unit, points, levels):
     """Places (px from the centre) and levels (inside, outside, slope) of the edge on all rays."""
     smaller, larger = semi_axes(shape[2], shape[3], shape[4])
     a11, a12, a22 = square_root(shape[2], shape[3], shape[4])
-    for i in range(RAYS):
-        angle = 2.0 * math.pi * i / RAYS
+    rays = len(points)
+    for k in range(rays):
+        i = (7 * k) % rays  # far from each other, so that what is no dot shows at once
+        angle = 2.0 * math.pi * i / rays
         c, s = math.cos(angle), math.sin(angle)
         step = max(0.5, 0.06 * smaller)
         first, last = max(0.5 * smaller, 1.0), 2.2 * larger + 2.0
@@ -97,8 +101,7 @@ def _edges(image, shape, sign, turn, unit, points, levels):
             x, y = a11 * c + a12 * s, a12 * c + a22 * s
             length = math.sqrt(x * x + y * y)
             c, s = x / length, y / length
-            wide = 0.45 if turn == 1 else 0.3
-            first, last = (1.0 - wide) * length, (1.0 + wide) * length
+            first, last = 0.55 * length, 1.45 * length
         t = _steepest(image, shape, sign, c, s, first, last, step, unit)
         if t < 0.0 or not _half_level(image, shape, sign, c, s, t, step, levels[i]):
             return False
@@ -155,33 +158,34 @@ def _half_level(image, shape, sign, c, s, t, step, level):
 def _ellipse(points, levels, shape, turn):
     """Fit the ellipse to the points, without the few that are far from it; fill the shape."""
     # Mean and moments of the points are those of a circle stretched to about the ellipse.
+    rays = len(points)
     mx = my = xx = xy = yy = 0.0
-    for i in range(RAYS):
-        mx += points[i, 0] / RAYS
-        my += points[i, 1] / RAYS
-    for i in range(RAYS):
+    for i in range(rays):
+        mx += points[i, 0] / rays
+        my += points[i, 1] / rays
+    for i in range(rays):
         x, y = points[i, 0] - mx, points[i, 1] - my
-        xx += 2.0 * x * x / RAYS
-        xy += 2.0 * x * y / RAYS
-        yy += 2.0 * y * y / RAYS
+        xx += 2.0 * x * x / rays
+        xy += 2.0 * x * y / rays
+        yy += 2.0 * y * y / rays
     det = xx * yy - xy * xy
     if not det > 0.05 * xx * yy:
         return False
     f11, f12, f22 = square_root(yy / det, -xy / det, xx / det)
     area = f11 * f22 - f12 * f12
-    unit_points = np.empty((RAYS, 2))
-    used = np.ones(RAYS, dtype=np.bool_)
+    unit_points = np.empty((rays, 2))
+    used = np.ones(rays, dtype=np.bool_)
     p = np.empty(5)
     off = 0.0
     for again in range(2):
         count = 0
-        for i in range(RAYS):
+        for i in range(rays):
             if used[i]:
                 x, y = points[i, 0] - mx, points[i, 1] - my
                 unit_points[count, 0] = (f22 * x - f12 * y) / area
                 unit_points[count, 1] = (f11 * y - f12 * x) / area
                 count += 1
-        if count < MIN_RAYS or not fit_conic(unit_points, count, p):
+        if count < MIN_SHARE * rays or not fit_conic(unit_points, count, p):
             return False
         det = p[0] * p[2] - p[1] * p[1]
         if not det > 0.05:
@@ -193,7 +197,7 @@ def _ellipse(points, levels, shape, turn):
             return False
         limit = max(0.5, 0.08 * math.sqrt(area)) * (2.0 if turn == 0 else 1.0)
         off = 0.0
-        for i in range(RAYS):
+        for i in range(rays):
             x, y = points[i, 0] - mx, points[i, 1] - my
             u, v = (f22 * x - f12 * y) / area - du, (f11 * y - f12 * x) / area - dv
             rho = math.sqrt(max(p[0] * u * u + 2.0 * p[1] * u * v + p[2] * v * v, 1e-9) / scale)
@@ -214,11 +218,11 @@ def _ellipse(points, levels, shape, turn):
         b21 * i12 + b22 * i22,
     )
     shape[5] = shape[6] = shape[8] = 0.0
-    for i in range(RAYS):
-        shape[5] += levels[i, 0] / RAYS
-        shape[6] += levels[i, 1] / RAYS
+    for i in range(rays):
+        shape[5] += levels[i, 0] / rays
+        shape[6] += levels[i, 1] / rays
         step = abs(levels[i, 0] - levels[i, 1])
-        shape[8] += step / (2.5066 * max(levels[i, 2], 1e-9)) / RAYS
+        shape[8] += step / (2.5066 * max(levels[i, 2], 1e-9)) / rays
     shape[7] = math.sqrt(off)
     return True
 
@@ -275,7 +279,11 @@ def read_uneven(image, shape, sign, unit, ring, bits_count, light):
         near = max(base, far) if sign > 0 else min(base, far)
         low[b], high[b] = (near, value) if sign > 0 else (value, near)
         chosen[b] = high[b] > MIN_RATIO * low[b] and high[b] - low[b] > MIN_DN * unit
-    if not _fills(image, shape, radii, floor, chosen, phase, sign):
+    odd = 0
+    for b in range(n):
+        odd += 1 if chosen[b] else 0
+    # All families' codes have an even number of bits.
+    if odd % 2 == 1 or not _fills(image, shape, radii, floor, chosen, phase, sign):
         return bits, facts, False
     inner = np.empty(count)
     for i in range(count):
