@@ -2,7 +2,7 @@
 
 ./omm exec python bench/operator_load.py
 
-One measuring program with the page at rest, then one while another process (at nice 10) asks the
+One measuring program with the page at rest, then one while another process (at nice 19) asks the
 server for pictures and files as fast as it answers, with ten pages looking on. Told: how long the
 estimate follows its image (from the middle of the exposure), and how much was asked.
 """
@@ -104,7 +104,7 @@ async def _flood(port: int) -> None:
     from tornado.httpclient import HTTPRequest
     from tornado.websocket import websocket_connect
 
-    os.nice(10)
+    os.nice(19)  # as if it asked from another computer
     host = f"127.0.0.1:{port}"
     connection = http.client.HTTPConnection(host, timeout=30)
     connection.request("GET", "/")

@@ -23,6 +23,7 @@ from omm_core.errors import InputError, OmmError
 from omm_core.files.machine import load_machine
 from omm_core.files.outside import read_bytes
 from omm_core.files.part import load_part
+from omm_core.words import of_error
 from omm_operator import conversions
 from omm_operator.operating import Operation
 from omm_operator.parameters import Parameters
@@ -209,7 +210,7 @@ class OperatorNode(CountingNode):
             self._part_file = (path, content)
             self._take(self._operation.screen.take_part_or_why, load_part(path))
         except InputError as error:
-            self._take(self._operation.screen.take_part_or_why, str(error))
+            self._take(self._operation.screen.take_part_or_why, of_error(error))
 
     # --- what is told --------------------------------------------------------------------------
 
@@ -264,4 +265,5 @@ def _value(value: ParameterValue) -> object:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return run_node(OperatorNode, args, parameters=Parameters, threads=1)
+    # Less urgent than what measures: a page that many look at must not slow the estimator (5).
+    return run_node(OperatorNode, args, parameters=Parameters, threads=1, niceness=10)

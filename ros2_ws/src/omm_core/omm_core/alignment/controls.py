@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from omm_core.alignment import angles
 from omm_core.errors import InputError, MeasurementError
 from omm_core.geometry import RigidTransform, rotation_from_euler_xyz_rad
-from omm_core.words import keyed
+from omm_core.words import Words as KeyedWords
+from omm_core.words import keyed, verbatim
 
 Array = NDArray[np.float64]
 
@@ -31,7 +32,7 @@ class Words:
 
     lines: tuple[str, ...]
     said: RigidTransform
-    unconfirmed: tuple[str, ...]
+    unconfirmed: tuple[KeyedWords, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +59,13 @@ def linuxcnc(pose: RigidTransform, place_mm: Array, name: str, number: int) -> W
     return Words(
         lines=("G21 G90", f"G10 L2 P{number} X{x} Y{y} Z{z} R{_text(turn, 9)}", "M2"),
         said=RigidTransform(rotation=turned, translation_mm=xyz),
-        unconfirmed=(f"G92 is not set while {name} is used (G92.1 clears it)",),
+        unconfirmed=(
+            keyed(
+                "confirm.g92",
+                "G92 is not set while {offset} is used (G92.1 clears it)",
+                offset=verbatim(name),
+            ),
+        ),
     )
 
 
@@ -90,9 +97,13 @@ def siemens(pose: RigidTransform, place_mm: Array, name: str, number: int) -> Wo
         ),
         said=RigidTransform(rotation=angles.rotation_of_rpy(_three(turn)), translation_mm=xyz),
         unconfirmed=(
-            "the control's basic system is metric; the frame is used where the program says"
-            f" {name}",
-            "alarm 65000 is free on this control",
+            keyed(
+                "confirm.metric",
+                "the control's basic system is metric; the frame is used where the program says"
+                " {offset}",
+                offset=verbatim(name),
+            ),
+            keyed("confirm.alarm", "alarm 65000 is free on this control"),
         ),
     )
 
@@ -110,9 +121,12 @@ def heidenhain(pose: RigidTransform, place_mm: Array, name: str, number: int) ->
         lines=(f"NR {number} {row}",),
         said=RigidTransform(rotation=angles.rotation_of_rpy(_three(turn)), translation_mm=xyz),
         unconfirmed=(
-            "the preset table has the columns SPA, SPB, SPC and reads them as PLANE SPATIAL"
-            " does (about fixed A, then B, then C)",
-            "four decimals are kept in each column",
+            keyed(
+                "confirm.preset",
+                "the preset table has the columns SPA, SPB, SPC and reads them as PLANE SPATIAL"
+                " does (about fixed A, then B, then C)",
+            ),
+            keyed("confirm.decimals", "four decimals are kept in each column"),
         ),
     )
 
@@ -141,11 +155,21 @@ def fanuc(pose: RigidTransform, place_mm: Array, name: str, number: int) -> Word
             translation_mm=np.array(numbers[:3]),
         ),
         unconfirmed=(
-            "the control keeps 5 decimals (increment system IS-D or IS-E); IS-B keeps 3",
-            "G53.1 turns the tool to this plane and moves axes: it is not in here, call it where"
-            " that is safe. G69 ends G68.2",
-            f"instead of G68.2, G54.4 P1 with a zero offset would be {g54_4}, order about X, Y,"
-            " Z of the current system; +2, +3, +4 are inferred",
+            keyed(
+                "confirm.increment",
+                "the control keeps 5 decimals (increment system IS-D or IS-E); IS-B keeps 3",
+            ),
+            keyed(
+                "confirm.g53_1",
+                "G53.1 turns the tool to this plane and moves axes: it is not in here, call it"
+                " where that is safe. G69 ends G68.2",
+            ),
+            keyed(
+                "confirm.g54_4",
+                "instead of G68.2, G54.4 P1 with a zero offset would be {numbers}, order about X,"
+                " Y, Z of the current system; +2, +3, +4 are inferred",
+                numbers=verbatim(g54_4),
+            ),
         ),
     )
 
@@ -171,9 +195,18 @@ def fagor(pose: RigidTransform, place_mm: Array, name: str, number: int) -> Word
             rotation=angles.rotation_of_xyz_turned(_three(turn)), translation_mm=xyz
         ),
         unconfirmed=(
-            "MODE 1 turns about X, then the turned Y, then the turned Z",
-            f"V.A.ORGT[{number}] is {name}; #CS ON [1] switches the system on",
-            f"on an 8055 instead: G49 X{x} Y{y} Z{z} A{a} B{b} C{c} with a zero offset",
+            keyed("confirm.mode_1", "MODE 1 turns about X, then the turned Y, then the turned Z"),
+            keyed(
+                "confirm.orgt",
+                "{variable} is {offset}; #CS ON [1] switches the system on",
+                variable=verbatim(f"V.A.ORGT[{number}]"),
+                offset=verbatim(name),
+            ),
+            keyed(
+                "confirm.g49",
+                "on an 8055 instead: {block} with a zero offset",
+                block=verbatim(f"G49 X{x} Y{y} Z{z} A{a} B{b} C{c}"),
+            ),
         ),
     )
 

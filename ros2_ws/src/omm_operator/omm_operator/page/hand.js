@@ -1,6 +1,6 @@
 import { h } from "/file/dom.js";
 import { clock, fixed, t, tell } from "/file/language.js";
-import { hold, press } from "/file/parts.js";
+import { hold, list, press } from "/file/parts.js";
 import { link } from "/file/connection.js";
 
 const OTHER = { opcua: "OPC UA" };
@@ -23,7 +23,7 @@ export function hand(state) {
     h("section", { class: "wide" },
       d.words.length ? [h("h2", {}, t("hand.words")), h("pre", { tabindex: 0, id: "words" }, d.words.join("\n"))] : null,
       d.error_mm === null ? null : h("p", { class: "small" }, t("hand.error", { mm: fixed(d.error_mm, 4), allowed: fixed(d.remaining_mm, 3) })),
-      d.unconfirmed.length ? [h("p", { class: "small" }, t("hand.confirm")), h("ul", { class: "small", lang: "en" }, d.unconfirmed.map((line) => h("li", {}, line)))] : null,
+      d.unconfirmed.length ? [h("p", { class: "small" }, t("hand.confirm")), list(d.unconfirmed, "small")] : null,
       h("h2", {}, t("hand.files")),
       holds ? h("div", { class: "row files" }, Object.entries(CONTROLS).map(([name, label]) =>
         h("a", { class: "button", href: `/handover/${name}`, download: true, id: `file-${name}` }, label))) : h("p", {}, t("hand.no_pose"))),

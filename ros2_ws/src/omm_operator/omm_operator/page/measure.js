@@ -14,7 +14,7 @@ export function measure(state) {
         m.stops ? t("measure.stop_of", { k: m.stop, n: m.stops }) : t("measure.stop", { k: m.stop })),
       h("p", { id: "program" }, program(m.control, source(state, "control"))),
       m.part ? h("p", {}, t("measure.part", { part: m.part, clamping: m.clamping + 1 })) : null,
-      m.part_why ? h("p", { class: "bad" }, m.part_why) : null,
+      m.part_why ? h("p", { class: "bad" }, `${t("measure.part_file")} ${tell(m.part_why)}`) : null,
       h("div", { class: "row" }, hold(state, "start_program"), press(state, "new_clamping")),
       h("div", { "aria-live": "polite", id: "missing" },
         m.missing.length ? [h("h2", {}, t("measure.missing")), list(m.missing, "missing")] : null),

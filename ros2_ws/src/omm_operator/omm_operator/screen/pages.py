@@ -68,7 +68,7 @@ def measure(kept: Kept) -> dict[str, Any]:
         stop = control.measure_request if asked else control.measure_acknowledged
     return {
         "part": estimate.part if estimate else (kept.part.name if kept.part else ""),
-        "part_why": kept.part_why,
+        "part_why": said_of(kept.part_why).to_json_dict() if kept.part_why else None,
         "clamping": estimate.clamping if estimate else 0,
         "control": None
         if control is None
@@ -182,7 +182,9 @@ def hand(kept: Kept, options: HandingOptions, conditions: Sequence[Condition]) -
         "control": told.control,
         "offset": told.offset,
         "words": list(told.handover.words.lines) if told.handover else [],
-        "unconfirmed": list(told.handover.words.unconfirmed) if told.handover else [],
+        "unconfirmed": [said_of(line).to_json_dict() for line in told.handover.words.unconfirmed]
+        if told.handover
+        else [],
         "error_mm": told.handover.error_mm if told.handover else None,
         "remaining_mm": options.remaining_mm,
         "why": said_of(told.why).to_json_dict() if told.why else None,

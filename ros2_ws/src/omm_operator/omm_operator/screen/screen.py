@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from omm_core.files.part import Part
 from omm_core.files.wishes import Jack
+from omm_core.words import NOTHING, Words
 from omm_operator.screen import pages, result
 from omm_operator.screen.commands import Command
 from omm_operator.screen.correcting import (
@@ -48,7 +49,7 @@ class Kept:
     picture: PictureFact | None = None
     found: dict[int, FoundFact] = field(default_factory=dict)
     part: Part | None = None
-    part_why: str = ""
+    part_why: Words = NOTHING
     jacks: tuple[Jack, ...] = ()
     up: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     stops: int = 0
@@ -153,10 +154,10 @@ class Screen:
             del self.kept.found[stamp_ns]
         self.changes += 1
 
-    def take_part_or_why(self, part: Part | str) -> None:
+    def take_part_or_why(self, part: Part | Words) -> None:
         """Take the part file that is measured by, or why there is none."""
         self.kept.part = None if isinstance(part, str) else part
-        self.kept.part_why = part if isinstance(part, str) else ""
+        self.kept.part_why = part if isinstance(part, str) else NOTHING
         if self.kept.part is not None and self.kept.part.jacks:
             self.kept.jacks = self.kept.part.jacks
         self.changes += 1
