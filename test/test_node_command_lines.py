@@ -14,6 +14,7 @@ NODES = {
     "omm_camera_driver.drivers.gige.simulator_node": ("Parameters", "adress:=::1", "address"),
     "omm_cnc_bridge.node": ("Parameters", "contrl:=opcua", "control"),
     "omm_estimator.node": ("Parameters", "part_fil:=part.yaml", "part_file"),
+    "omm_estimator.stored_result_node": ("Parameters", "result_fil:=r.json", "result_file"),
     "omm_operator.node": ("Parameters", "prt:=8766", "port"),
     "omm_operator.scene_node": ("Parameters", "part_fil:=part.yaml", "part_file"),
     "omm_recorder.node": ("Parameters", "foldr:=runs", "folder"),

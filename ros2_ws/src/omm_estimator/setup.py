@@ -22,6 +22,7 @@ setup(
     entry_points={
         "console_scripts": [
             "estimator_node = omm_estimator.node:main",
+            "stored_result_node = omm_estimator.stored_result_node:main",
         ],
     },
 )

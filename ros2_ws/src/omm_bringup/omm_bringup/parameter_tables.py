@@ -11,6 +11,7 @@ NODES = {
     "camera": "omm_camera_driver.parameters.Parameters",
     "cnc_bridge": "omm_cnc_bridge.parameters.Parameters",
     "estimator": "omm_estimator.parameters.Parameters",
+    "stored_result": "omm_estimator.stored_result_node.Parameters",
     "operator": "omm_operator.parameters.Parameters",
     "scene": "omm_operator.scene_node.Parameters",
     "recorder": "omm_recorder.parameters.Parameters",

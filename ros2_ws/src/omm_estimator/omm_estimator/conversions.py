@@ -22,6 +22,7 @@ from omm_core.part_pose.posterior import PoseStatement
 from omm_core.session.result import MeasurementResult
 from omm_core.targets import Detection
 from omm_core.words import NOTHING, Words, beside
+from omm_estimator.stored import StoredResult
 from omm_ros.conversions import MM_PER_M, pose_from_transform, time_from_ns, transform_message
 
 Array = NDArray[np.float64]
@@ -45,10 +46,9 @@ def expanded_uncertainty_si(told: PoseStatement) -> Array:
     return np.asarray(told.expanded_uncertainty) / _UNIT
 
 
-def machine_T_part(result: MeasurementResult) -> RigidTransform:
-    """Return the part's pose."""
-    alpha, beta, gamma = result.solution.theta[:3]
-    xyz_mm = result.solution.theta[3:6]
+def _machine_T_part(theta: Array) -> RigidTransform:
+    alpha, beta, gamma = theta[:3]
+    xyz_mm = theta[3:6]
     return RigidTransform.from_euler_xyz_rad(alpha, beta, gamma, xyz_mm)
 
 
@@ -129,14 +129,50 @@ def estimate_message(
 
 
 def pose_message(result: MeasurementResult) -> PoseWithCovarianceStamped:
-    """Return the part's pose with ROS's covariance.
+    """Return the part's pose with ROS's covariance, stamped with the newest image."""
+    newest_ns = max(image.stamp_ns for image in result.images)
+    return _pose_message(result.solution.theta, covariance_si(result.solution.own), newest_ns)
 
-    Its order: x, y, z, rotations about the fixed axes X, Y, Z.
+
+def stored_pose(stored: StoredResult) -> PoseWithCovarianceStamped:
+    """Return the pose of a stored result, as `pose_message` does."""
+    covariance = stored.own.covariance / np.outer(_UNIT, _UNIT)
+    return _pose_message(stored.own.theta, covariance, stored.stamp_ns)
+
+
+def stored_estimate(stored: StoredResult) -> PartEstimate:
+    """Return a stored result as /omm/estimate; its images are not in it."""
+    message = PartEstimate(
+        header=Header(stamp=time_from_ns(stored.stamp_ns), frame_id="machine"),
+        part=stored.part,
+        model=stored.model,
+        determined=True,
+        converged=True,
+        rms_px=stored.rms_px,
+        sigma0=stored.sigma0,
+        degrees_of_freedom=stored.degrees_of_freedom,
+        geometry_declared=stored.geometry_declared,
+        stop_sigma_m=math.nan,
+        geometry_sigma_m=math.nan,
+        remarks=["a stored result, not measured now"],
+    )
+    for prefix, pose in (("", stored.own), ("absolute_", stored.absolute)):
+        setattr(message, f"{prefix}theta", pose.theta / _UNIT)
+        covariance = pose.covariance / np.outer(_UNIT, _UNIT)
+        setattr(message, f"{prefix}covariance", covariance.ravel())
+        setattr(message, f"{prefix}expanded_uncertainty", pose.expanded_uncertainty / _UNIT)
+    return message
+
+
+def _pose_message(
+    theta: Array, theta_covariance_si: Array, stamp_ns: int
+) -> PoseWithCovarianceStamped:
+    """Return a pose with ROS's covariance: x, y, z, rotations about the fixed axes X, Y, Z.
 
     A change of the Euler angles turns the part by ``ω = E (dα, dβ, dγ)`` about fixed axes, with the
     axes of the three turns as columns of E; so the covariance is mapped, not permuted.
     """
-    alpha, beta, gamma = (float(angle) for angle in result.solution.theta[:3])
+    alpha, beta, gamma = (float(angle) for angle in theta[:3])
     del alpha  # the first turn's axis does not depend on its own angle
     turned_z = rotation_from_euler_xyz_rad(0.0, 0.0, gamma)
     turned_zy = rotation_from_euler_xyz_rad(0.0, beta, gamma)
@@ -144,11 +180,10 @@ def pose_message(result: MeasurementResult) -> PoseWithCovarianceStamped:
     mapping = np.zeros((6, 7))
     mapping[:3, 3:6] = np.eye(3)
     mapping[3:, :3] = axes
-    newest_ns = max(image.stamp_ns for image in result.images)
     message = PoseWithCovarianceStamped()
-    message.header = Header(stamp=time_from_ns(newest_ns), frame_id="machine")
-    message.pose.pose = pose_from_transform(machine_T_part(result))
-    message.pose.covariance = (mapping @ covariance_si(result.solution.own) @ mapping.T).ravel()
+    message.header = Header(stamp=time_from_ns(stamp_ns), frame_id="machine")
+    message.pose.pose = pose_from_transform(_machine_T_part(theta))
+    message.pose.covariance = (mapping @ theta_covariance_si @ mapping.T).ravel()
     return message
 
 
@@ -174,11 +209,16 @@ def frame_transforms(
     result: MeasurementResult, part_frame: str, stamp_ns: int
 ) -> list[TransformStamped]:
     """Return what a determined result says of the frames, stamped ``stamp_ns``."""
-    gamma_s_rad = float(result.solution.theta[6])
+    return frames_of(result.solution.theta, part_frame, stamp_ns)
+
+
+def frames_of(theta: Array, part_frame: str, stamp_ns: int) -> list[TransformStamped]:
+    """Return what θ (rad, mm) says of the frames, stamped ``stamp_ns``."""
+    gamma_s_rad = float(theta[6])
     holder = RigidTransform(rotation=holder_rotation(gamma_s_rad), translation_mm=np.zeros(3))
     return [
         _frame("spindle", "taper", holder, stamp_ns),
-        _frame("machine", part_frame, machine_T_part(result), stamp_ns),
+        _frame("machine", part_frame, _machine_T_part(theta), stamp_ns),
     ]
 
 
