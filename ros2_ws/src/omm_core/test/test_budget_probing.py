@@ -123,3 +123,14 @@ def test_a_file_of_points_that_is_none_is_refused(tmp_path: Path, text: str, tol
     (tmp_path / "points.csv").write_text(text)
     with pytest.raises(InputError, match=told):
         load_probed(tmp_path / "points.csv")
+
+
+def test_points_in_other_coordinates_are_doubted() -> None:
+    places = np.array([[0.0, 0, 0], [500.0, 0, 0], [0, 500.0, 0]])
+    for off, told in ((0.5, 0), (250.0, 1)):
+        points = [
+            ProbedPoint(name=f"P{i}", part_mm=p, machine_mm=p + (0, 0, off), sigma_mm=0.01)
+            for i, p in enumerate(places)
+        ]
+        check = check_probing(points, [0.0] * 6, np.eye(6) * 1e-6)
+        assert len([w for w in check.findings if "machine coordinates" in w]) == told

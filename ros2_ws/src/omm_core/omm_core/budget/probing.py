@@ -22,6 +22,7 @@ from omm_core.geometry import RigidTransform
 Array = NDArray[np.float64]
 
 COVERAGE = 2.0
+_FAR_MM = 5.0  # no pose that a run finds is as wrong
 SIGNIFICANCE = 0.01
 
 
@@ -109,6 +110,12 @@ def check_probing(
     untold = sum(point.sigma_mm is None for point in points)
     if untold:
         findings.append(f"{untold} touches tell no sigma_mm: the probe counts as exact there")
+    off = float(np.linalg.norm(np.median(error, axis=0)))
+    if off > _FAR_MM:
+        findings.append(
+            f"the points lie {off:.4g} mm off all together: are they in machine coordinates (no"
+            " work offset), in mm, the touched place (not the spindle), the part as it lay then?"
+        )
     chi_square, p_value = np.nan, np.nan
     if np.all(own**2 + extra**2 > 0.0):
         chi_square = float(error.reshape(-1) @ np.linalg.solve(joint, error.reshape(-1)))
