@@ -6,6 +6,7 @@ import datetime
 import hashlib
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from omm_core.files.calibration_set import CmmSet, MachineSet, load_calibration_
 from omm_core.files.camera_writing import camera_yaml
 from omm_core.files.part import load_part
 from omm_core.files.sensor import NamedSensor
+from omm_core.files.yaml_input import read_yaml
 from omm_core.imaging.calibration import load_calibration
 from omm_runs.dot_images import (
     dots_of_images,
@@ -136,6 +138,14 @@ def _calibrate_machine(given: MachineSet, sensor: Sensor) -> CalibrationResult:
     return replace(result, findings=(*result.findings, *found.refused))
 
 
+def _carried_blocks(nominal: Path | None) -> dict[str, Any]:
+    """Return what the hint tells of the camera and no calibration measures."""
+    if nominal is None:
+        return {}
+    root = read_yaml(nominal, "calibration file")
+    return {key: root.get(key) for key in ("imaging", "body") if key in root}
+
+
 def camera_file(given: CmmSet | MachineSet, result: CalibrationResult) -> str:
     """Return camera.yaml of a calibration."""
     sensor = result.sensor
@@ -143,6 +153,7 @@ def camera_file(given: CmmSet | MachineSet, result: CalibrationResult) -> str:
         sensor=NamedSensor(**asdict(sensor)),
         values=dict(zip(PARAMETERS, (float(v) for v in result.camera), strict=True)),
         covariance=result.covariance.tolist(),
+        blocks=_carried_blocks(given.nominal),
         notes={
             "date": datetime.datetime.now(tz=datetime.UTC).date().isoformat(),
             "set_sha256": hashlib.sha256(given.path.read_bytes()).hexdigest(),
@@ -150,6 +161,8 @@ def camera_file(given: CmmSet | MachineSet, result: CalibrationResult) -> str:
             "sigma0": round(result.sigma0, 4),
             "rms_px": round(result.rms_px, 5),
             "distance_mm": [round(d, 1) for d in result.covered_mm],
+            "image_px": [[round(v, 1) for v in corner] for corner in result.covered_px],
+            "temperature_C": given.temperature_C,
             "undetermined": list(result.undetermined),
         },
     )

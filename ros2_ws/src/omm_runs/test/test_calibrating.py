@@ -59,6 +59,21 @@ def test_the_camera_file_loads_as_it_was_solved(folder):
     rotation = rotation_from_euler_xyz_rad(*result.camera[10:])
     assert loaded.taper_T_camera.rotation == pytest.approx(rotation, abs=1e-14)
     assert loaded.covariance == pytest.approx(result.covariance, rel=1e-9)
+    assert loaded.covered.distance_mm == pytest.approx(result.covered_mm, abs=0.1)
+    assert loaded.covered.low_px == pytest.approx(result.covered_px[0], abs=0.1)
+
+
+def test_what_a_calibration_does_not_measure_is_carried_over_from_the_hint(folder):
+    given, result = calibrate_set(folder)
+    hint = camera_file(given, result) + "imaging: {focus_mm: [150, 600]}\n"
+    (folder / "old.yaml").write_text(hint + "body: {radius_mm: 40, z_mm: [-330, 0]}\n")
+    (folder / "set.yaml").write_text(SET + "nominal: old.yaml\ntemperature_C: 20.5\n")
+    given, result = calibrate_set(folder)
+    (folder / "new.yaml").write_text(camera_file(given, result))
+    loaded = load_calibration(folder / "new.yaml")
+    assert loaded.imaging.focus_mm == (150, 600)
+    assert loaded.body.radius_mm == 40
+    assert "temperature_C: 20.5" in (folder / "new.yaml").read_text()
 
 
 def test_the_json_is_as_the_contract_has_it(folder):

@@ -66,6 +66,7 @@ class CmmSet:
     sigma_px: Annotated[float | None, number(above=0.0)] = None
     sigma_xyz_mm: Annotated[float, number(least=0.0)]
     nominal: Annotated[Path | None, file()] = None
+    temperature_C: Annotated[float | None, number()] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,6 +89,7 @@ class MachineSet:
     machine_sigma_mm: Annotated[float, number(above=0.0)]
     touched: Annotated[Touched | None, part_of(Touched)] = None
     nominal: Annotated[Path | None, file()] = None
+    temperature_C: Annotated[float | None, number()] = None
 
 
 def load_calibration_set(path: Path) -> CmmSet | MachineSet:

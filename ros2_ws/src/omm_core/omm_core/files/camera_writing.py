@@ -17,6 +17,7 @@ def camera_yaml(
     values: Mapping[str, float],
     covariance: Sequence[Sequence[float]],
     notes: Mapping[str, Any],
+    blocks: Mapping[str, Any] | None = None,
 ) -> str:
     """Return camera.yaml of a camera with Brown's lens.
 
@@ -29,6 +30,8 @@ def camera_yaml(
         In the units of the names.
     notes : mapping
         What stands under ``calibration``: plain numbers, texts and lists.
+    blocks : mapping, optional
+        Further blocks of the file (``imaging``, ``body``), which a calibration does not measure.
     """
     import yaml
 
@@ -52,6 +55,7 @@ def camera_yaml(
             "parameters": list(values),
             "matrix": [[float(v) for v in row] for row in covariance],
         },
+        **(blocks or {}),
         "calibration": dict(notes),
     }
     text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=1000)

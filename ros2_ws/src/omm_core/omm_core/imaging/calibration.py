@@ -54,6 +54,23 @@ _ALIASES = {
 }
 
 
+@dataclass(frozen=True, kw_only=True)
+class Covered:
+    """Where the dots of a calibration's set were: outside, a calibration is extrapolated.
+
+    Attributes
+    ----------
+    distance_mm : tuple of two
+        Nearest and farthest, along the optical axis.
+    low_px, high_px : tuple of two
+        Corners (col, row) of the box of the image.
+    """
+
+    distance_mm: tuple[float, float]
+    low_px: tuple[float, float]
+    high_px: tuple[float, float]
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CameraCalibration:
     """What is known about a camera in its tool holder.
@@ -77,6 +94,8 @@ class CameraCalibration:
         Exposure, focus and tilt, where the file tells them.
     body : Body or None
         The housing; None where the file does not tell it: the camera's own point.
+    covered : Covered or None
+        Where the calibration is known to hold; None where the file does not tell it.
     """
 
     name: str
@@ -87,6 +106,7 @@ class CameraCalibration:
     covariance: Array
     imaging: Imaging = field(default_factory=Imaging)
     body: Body | None = None
+    covered: Covered | None = None
 
     @property
     def width_px(self) -> int:
@@ -164,11 +184,31 @@ def load_calibration(path: Source) -> CameraCalibration:
         covariance=np.zeros((0, 0)),
         imaging=read_optional(Imaging, root, "imaging") or Imaging(),
         body=read_optional(Body, root, "body"),
+        covered=_covered(root),
     )
     if "covariance" not in root:
         return calibration
     parameters, covariance = _covariance(root, calibration.parameter_names())
     return replace(calibration, parameters=parameters, covariance=covariance)
+
+
+def _covered(root: YamlSection) -> Covered | None:
+    """Read what ``./omm calibrate`` wrote of its set; other programs' notes are theirs."""
+    notes = root.get("calibration") if "calibration" in root else None
+    if not isinstance(notes, dict) or not {"distance_mm", "image_px"} <= set(notes):
+        return None
+    section = root.section("calibration")
+    near, far = section.numbers("distance_mm", 2)
+    corners = section.get("image_px")
+    if not isinstance(corners, list) or len(corners) != 2:
+        raise InputError(f"{section.where}: expected image_px as [[col, row], [col, row]].")
+    where = YamlSection({f"corner {i}": c for i, c in enumerate(corners)}, section.where)
+    low, high = (where.numbers(f"corner {i}", 2) for i in range(2))
+    return Covered(
+        distance_mm=(float(near), float(far)),
+        low_px=(float(low[0]), float(low[1])),
+        high_px=(float(high[0]), float(high[1])),
+    )
 
 
 def _lens(root: YamlSection, sensor: NamedSensor) -> Lens:

@@ -241,6 +241,7 @@ class Measurement:
         self, accepted: dict[int, tuple[_Seen, ...]], judgements: dict[int, PairedPose]
     ) -> Solution:
         from omm_core.part_pose import Observation, solve
+        from omm_core.session.extrapolation import extrapolation_words
 
         observations: list[Observation] = []
         for stamp_ns, content in accepted.items():
@@ -264,6 +265,8 @@ class Measurement:
         if self._solved is None or self._solved[0] != key:
             options = self.options.solve
             solution = solve(observations, self.part, self.calibration, options)
+            outside = extrapolation_words(solution, self.part, self.calibration)
+            solution = replace(solution, remarks=(*solution.remarks, *outside))
             self._solved = (key, solution)
         return self._solved[1]
 
