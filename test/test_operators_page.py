@@ -292,11 +292,18 @@ def test_missing_targets_and_refused_images_are_told_in_the_language(
 ) -> None:
     screen.page.select_option("#language", language)
     screen.go("measure")
+    before = len(cell.given("new_clamping", OperatorCommand.ACCEPTED))
     screen.tap("new_clamping")
+    until(
+        lambda: len(cell.given("new_clamping", OperatorCommand.ACCEPTED)) > before, "the clamping"
+    )
+    until(lambda: screen.page.query_selector("#refused") is None, "all images to be forgotten")
     until(lambda: missing in screen.text("#missing"), "what is missing")
     cell.show_small_image()
-    until(lambda: refused in screen.text("#refused"), "the refused image")
-    assert "64 x 48" in screen.text("#refused")
+    until(
+        lambda: refused in (told := screen.text("#refused")) and "64 x 48" in told,
+        "the refused image",
+    )
     screen.go("troubles")
     assert refused in screen.text("#troubles")
     screen.page.click("#acknowledge-all")
