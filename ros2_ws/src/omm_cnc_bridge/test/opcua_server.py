@@ -43,10 +43,8 @@ class OpcUaTestServer:
         """Of PosDirect alone; None takes ``quality``."""
         self.more: dict[str, dict[str, object]] = {}
         """Further axes: the values of their variables, without a unit; None is BadNoData."""
-        self.corrected: dict[str, object] = {
-            "X": 0.0, "Y": 0.0, "Z": 0.0, "Status": 0, "Valid": False, "Whole": 0
-        }  # fmt: skip
-        """What a bridge has written of the next stop's correction."""
+        self.corrected: dict[str, object] = {}
+        """What a bridge has written of the next stop's correction; set before the start."""
         self.corrections: list[dict[str, object]] = []
         self.status = 0
         self.quality = ua.StatusCodes.Good

@@ -28,7 +28,9 @@ def server():
     with socket.socket() as s:
         s.bind(("127.0.0.1", 0))
         port = s.getsockname()[1]
-    with OpcUaTestServer(port) as running:
+    made = OpcUaTestServer(port)
+    made.corrected = {"X": 0.0, "Y": 0.0, "Z": 0.0, "Status": 0, "Valid": False, "Whole": 0}
+    with made as running:
         yield running
 
 
@@ -51,7 +53,7 @@ def led(server, tmp_path):
 
 def reaches(server, **wanted):
     """Wait until the server holds these values."""
-    deadline = time.monotonic() + 5.0
+    deadline = time.monotonic() + 20.0
     while time.monotonic() < deadline:
         if {name: server.corrected[name] for name in wanted} == wanted:
             return True
