@@ -19,7 +19,7 @@ from omm_core.files.part import Part, load_part
 from omm_core.imaging.calibration import CameraCalibration, load_calibration
 from omm_core.session.measurement import Measurement
 from omm_core.warm_up import warm_up_estimation
-from omm_core.words import keyed, of_error
+from omm_core.words import Words, keyed, of_error, verbatim
 from omm_recording.decoding import (
     IMAGE_TYPE,
     POSE_TYPE,
@@ -78,7 +78,7 @@ class SolvedRun:
     """What was declared of the machine; None: its errors were estimated."""
     result: "MeasurementResult"
     recorded: RecordedEstimate | None
-    notices: tuple[str, ...]
+    notices: tuple[Words, ...]
     """What people should know of how it was solved."""
 
     def images(self) -> Iterator[tuple[int, "NDArray[np.generic]"]]:
@@ -98,7 +98,7 @@ def solve_run(run: Path, options: SolveRunOptions | None = None) -> SolvedRun:
         If the recording, the part file or the calibration cannot be used.
     """
     options = options or SolveRunOptions()
-    notices: list[str] = []
+    notices: list[Words] = []
     with Recording(run) as recording:
         recording.require(options.image_topic, IMAGE_TYPE)
         recording.require(options.pose_topic, POSE_TYPE)
@@ -111,9 +111,22 @@ def solve_run(run: Path, options: SolveRunOptions | None = None) -> SolvedRun:
         measurement.leave_out(left_out(settings))
         forgotten = recorded.forgotten if recorded is not None else frozenset()
         if recorded is not None and recorded.part != part.name:
-            notices.append(f"live, the part was {recorded.part}; solved is {part.name}")
+            notices.append(
+                keyed(
+                    "said.other_part",
+                    "live, the part was {live}; solved is {part}",
+                    live=verbatim(recorded.part),
+                    part=verbatim(part.name),
+                )
+            )
         if forgotten:
-            notices.append(f"{len(forgotten)} images of earlier clampings are left out")
+            notices.append(
+                keyed(
+                    "said.earlier_clampings",
+                    "{n} images of earlier clampings are left out",
+                    n=len(forgotten),
+                )
+            )
         _Feeder(measurement, options, notices).feed(recording, forgotten)
     return SolvedRun(
         run=run,
@@ -134,7 +147,7 @@ class _Feeder:
     """
 
     def __init__(
-        self, measurement: Measurement, options: SolveRunOptions, notices: list[str]
+        self, measurement: Measurement, options: SolveRunOptions, notices: list[Words]
     ) -> None:
         self._measurement = measurement
         self._options = options
@@ -208,22 +221,29 @@ class _Feeder:
         if self._bad_poses:
             number = len(self._bad_poses)
             self._notices.append(
-                f"warning: {number} spindle poses cannot be used: {self._bad_poses[0]}"
+                keyed(
+                    "said.bad_poses",
+                    "warning: {n} spindle poses cannot be used: {why}",
+                    n=number,
+                    why=of_error(self._bad_poses[0]),
+                )
             )
 
 
-def _part(recording: Recording, named: Path | None, notices: list[str]) -> Part:
+def _part(recording: Recording, named: Path | None, notices: list[Words]) -> Part:
     return load_part(named) if named else _load(recording, "part.yaml", load_part, notices)
 
 
-def _calibration(recording: Recording, named: Path | None, notices: list[str]) -> CameraCalibration:
+def _calibration(
+    recording: Recording, named: Path | None, notices: list[Words]
+) -> CameraCalibration:
     if named:
         return load_calibration(named)
     return _load(recording, "camera.yaml", load_calibration, notices)
 
 
 def _machine(
-    recording: Recording, named: Path | None, settings: Settings, notices: list[str]
+    recording: Recording, named: Path | None, settings: Settings, notices: list[Words]
 ) -> Machine | None:
     """Load what is declared of the machine: named, or as the live estimator had it.
 
@@ -236,8 +256,12 @@ def _machine(
         if inside or recording.run.beside(MACHINE_FILE) is not None:
             return _load(recording, MACHINE_FILE, load_machine, notices)
         notices.append(
-            f"live, the machine was that of {settings['machine_file']}, which is not in the"
-            " recording: its errors are estimated from the run (--machine FILE declares them)"
+            keyed(
+                "said.machine_not_recorded",
+                "live, the machine was that of {file}, which is not in the recording: its errors"
+                " are estimated from the run (--machine FILE declares them)",
+                file=verbatim(str(settings["machine_file"])),
+            )
         )
         return None
     live = any(name in settings for name in ("part_file", "model"))
@@ -246,15 +270,21 @@ def _machine(
     return None
 
 
-def _load(recording: Recording, name: str, load: Any, notices: list[str]) -> Any:
+def _load(recording: Recording, name: str, load: Any, notices: list[Words]) -> Any:
     """Load a file that was not named: the one beside the recording, or else the one inside."""
     inside = recording.attachment(name)
     beside = recording.run.beside(name)
     if beside is not None:
         if inside is not None and inside != beside.read_bytes():
             notices.append(
-                f"{beside} is not the {name} that was recorded with the run; it is used "
-                f"all the same. The recorded one: ./omm export {recording.run.folder}"
+                keyed(
+                    "said.not_recorded_file",
+                    "{file} is not the {name} that was recorded with the run; it is used all the"
+                    " same. The recorded one: ./omm export {folder}",
+                    file=verbatim(str(beside)),
+                    name=name,
+                    folder=verbatim(str(recording.run.folder)),
+                )
             )
         return load(beside)
     if inside is None:
