@@ -90,6 +90,7 @@ class CncBridgeNode(CountingNode):
             else None
         )
         self._watch = CameraWatch(self, self._camera) if self._camera and p.start_program else None
+        self._awaited = ""
         self._commands = Commands(self, self._control, p, self._trouble, self._unrest)
         self.create_timer(1.0 / p.state_rate_hz, self._on_timer)
         diagnostics = Diagnostics(self, hardware_id=p.control)
@@ -246,7 +247,9 @@ class CncBridgeNode(CountingNode):
         if self._watch is None:
             return
         if awaited := self._watch.awaited():
-            self.get_logger().info(f"the program waits for {awaited}", throttle_duration_sec=10.0)
+            if awaited != self._awaited:
+                self.get_logger().info(f"the program waits for {awaited}")
+            self._awaited = awaited
             return
         started, why = self._commands.start_program()
         if not started:
