@@ -20,6 +20,7 @@ from omm_core.targets.coded.light import (
     slopes_prior,
 )
 from omm_core.targets.coded.uneven import grey_unit, outline_uneven
+from omm_core.targets.conic.clustered import clustered_covariance
 from omm_core.targets.conic.dot_fit import fit_dot
 from omm_core.targets.conic.dot_model import PARAMETERS
 from omm_core.targets.conic.outline import semi_axes, square_root
@@ -40,6 +41,9 @@ ROUGH = 0.03
 EDGES_SHARE = 0.01
 """Error of the ellipse through the edges (dot radii) where a beam ends on the dot (drawn: see
 test_targets_uneven)."""
+NOT_NOISE = 1.3
+"""χ² per degree of freedom from which on the residuals are looked at one by one (of a dot of 12 px
+with 300 pixels, noise alone reaches that in one of 10,000)."""
 MAX_RESIDUAL = 0.06
 """RMS of the residuals, of the contrast, from which on something lies on the dot. Below, misfit
 comes from what the camera does to edges (sharpening, JPEG), which is the same on all sides."""
@@ -92,9 +96,39 @@ def _judged(
         rough = read + (ROUGH * contrast) ** 2
         fit = _fit(image, family, reading, rough, gain, saturation, light)
     outcome = _judge(reading, fit)
+    if fit is not None and isinstance(outcome, DetectedTarget) and _errs_alike(fit, light):
+        outcome = _as_wide_as_its_residuals(
+            image, family, reading, (read, gain), saturation, light, fit[0], outcome
+        )
     if reading.uneven or (fit is not None and _is_rough(fit)):
         return _by_the_edges(image, reading, outcome)
     return outcome
+
+
+def _errs_alike(fit: tuple[Floats, Floats, Floats], light: Light | None) -> bool:
+    """Whether the residuals are worse than noise, and not for what is saturated."""
+    misfit = float(fit[2][4]) / max(float(fit[2][5]) - PARAMETERS, 1.0)
+    return misfit > NOT_NOISE and not _is_clipped(light)
+
+
+def _as_wide_as_its_residuals(
+    image: NDArray[Any],
+    family: TargetFamily,
+    reading: RingReading,
+    noise: tuple[float, float],
+    saturation: float,
+    light: Light | None,
+    p: Floats,
+    target: DetectedTarget,
+) -> DetectedTarget:
+    """Return the target, as uncertain as it is where neighbouring pixels of an edge err alike."""
+    prior, _ = slopes_prior(reading, light, *noise)
+    seen = clustered_covariance(
+        image, reading.outline, family.ring_inner_ratio, reading.bits, reading.phase_rad,
+        noise, saturation, prior, p,
+    )  # fmt: skip
+    wider = math.sqrt(np.linalg.det(seen) / np.linalg.det(target.covariance_px2))
+    return replace(target, covariance_px2=target.covariance_px2 * max(wider, 1.0))
 
 
 def _is_rough(fit: tuple[Floats, Floats, Floats]) -> bool:
