@@ -4,6 +4,7 @@ import ast
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -27,6 +28,43 @@ ALLOWED = {
     | {"omm_operator", "omm_report", "omm_runs", "omm_recording", "omm_ros", "omm_interfaces"},
 }
 ROS_FREE = ("omm_core", "omm_simulation", "omm_kernels", "omm_recording", "omm_runs", "omm_report")
+
+MOST_LINES, MOST_ARGUMENTS = 60, 10
+# Longer than that, or with more positional arguments, for now: this list only shrinks.
+TOO_LONG: set[str] = {
+    "omm_bringup/cell.py:simulated_cell",
+    "omm_bringup/station.py:station",
+    "omm_core/budget/probing.py:check_probing",
+    "omm_core/camera_calibration/cmm.py:calibrate_by_places",
+    "omm_core/overstock/placement.py:place_evenly",
+    "omm_core/targets/coded/light_kernels.py:ring_light",
+    "omm_core/targets/coded/reading.py:read_ring",
+    "omm_core/targets/coded/search.py:_ellipse",
+    "omm_core/targets/coded/search.py:find_dots",
+    "omm_core/targets/coded/uneven.py:_ellipse",
+    "omm_core/targets/coded/uneven.py:read_uneven",
+    "omm_core/targets/conic/dot_fit.py:fit_dot",
+    "omm_core/targets/conic/outline.py:outline",
+    "omm_estimator/conversions.py:estimate_message",
+    "omm_ros/node_main.py:run_node",
+}
+TOO_MANY_ARGUMENTS: set[str] = {
+    "omm_core/targets/coded/search.py:_test_run",
+    "omm_core/targets/conic/dot_fit.py:fit_dot",
+    "omm_core/targets/conic/dot_model.py:find_clipped",
+    "omm_core/targets/conic/dot_model.py:linearise",
+    "omm_simulation/target_image.py:_cover",
+}
+
+
+def functions() -> Iterator[tuple[str, ast.FunctionDef | ast.AsyncFunctionDef]]:
+    """Yield every function of every package with its name, ``package/file.py:function``."""
+    for package in sorted(path.name for path in SOURCES.iterdir()):
+        for file in sorted((SOURCES / package / package).rglob("*.py")):
+            where = file.relative_to(SOURCES / package)
+            for node in ast.walk(ast.parse(file.read_text())):
+                if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                    yield f"{where}:{node.name}", node
 
 
 def imported_packages(package: str) -> set[str]:
@@ -72,3 +110,21 @@ def test_rooms_of_the_core_import_only_what_stands_below_them() -> None:
         check=False,
     )
     assert linted.returncode == 0, linted.stdout
+
+
+def test_no_function_is_longer_than_a_screen() -> None:
+    long = {
+        name
+        for name, node in functions()
+        if (node.end_lineno or node.lineno) - node.lineno + 1 > MOST_LINES
+    }
+    assert long <= TOO_LONG
+
+
+def test_no_function_has_more_arguments_by_position_than_one_can_tell_apart() -> None:
+    many = {
+        name
+        for name, node in functions()
+        if len(node.args.posonlyargs) + len(node.args.args) > MOST_ARGUMENTS
+    }
+    assert many <= TOO_MANY_ARGUMENTS

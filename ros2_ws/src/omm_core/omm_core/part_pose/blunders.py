@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.part_pose.fit import Fit, fit
-from omm_core.part_pose.grid_kernels import bayes_factors
+from omm_core.part_pose.grid_kernels import NoiseBlocks, bayes_factors
 from omm_core.part_pose.machine_noise import NoiseGrid, both_grids, geometry_lengths
 from omm_core.part_pose.naming import (
     cannot_leave_out,
@@ -228,7 +228,8 @@ def _log_factors(estimated: Posterior, columns: list[Array], options: SolveOptio
     """Return ln B of each hypothesis."""
     model, u = estimated.model, estimated.model.unknowns
     grid, matrices = _doubting(estimated, options)
-    of_noise = tuple(np.ascontiguousarray(C[..., u:, u:]) for C in matrices[:4])
+    own = (matrices.C_0, matrices.C_image, matrices.C_stop, matrices.C_own)
+    of_noise = NoiseBlocks(*(np.ascontiguousarray(C[..., u:, u:]) for C in own))
     z = np.ascontiguousarray(model.u_z[u:])
     log_factors = np.full(len(columns), -np.inf)
     chosen = np.arange(len(columns))
@@ -252,14 +253,11 @@ def _doubting(estimated: Posterior, options: SolveOptions) -> tuple[NoiseGrid, M
     return grid, noise_matrices(estimated.model, grid)
 
 
-def _bayes_factors(
-    of_noise: tuple[Array, ...], z: Array, grid: NoiseGrid, columns: list[Array]
-) -> Array:
+def _bayes_factors(of_noise: NoiseBlocks, z: Array, grid: NoiseGrid, columns: list[Array]) -> Array:
     first = np.cumsum([0, *(len(of) for of in columns)]).astype(np.int64)
     log_factors = np.empty(len(columns))
     bayes_factors(
-        *of_noise, z, grid.image_scale, grid.stop_sigma_mm, grid.geometry_sigma_mm,
-        grid.length_index, grid.log_prior, np.ascontiguousarray(np.concatenate(columns)), first,
+        of_noise, z, grid.machines(), np.ascontiguousarray(np.concatenate(columns)), first,
         log_factors,
     )  # fmt: skip
     return log_factors

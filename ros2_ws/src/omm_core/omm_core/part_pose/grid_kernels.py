@@ -15,15 +15,69 @@ the geometry only, so that both come from one factor of C_zz.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
-_FASTMATH = {"contract", "reassoc", "arcp", "nsz"}
-_compiled = njit(cache=True, error_model="numpy", fastmath=_FASTMATH)
+from omm_core.imaging.kernels import FASTMATH
+
+Array = NDArray[np.float64]
+
+_compiled = njit(cache=True, error_model="numpy", fastmath=FASTMATH)
 _NEGLIGIBLE = 1e-8  # of the largest weight
 _NO_RANK = 1e-9  # of a column of length 1: what is left of it without those before
 _WITHOUT_WIDTH = 3e-5  # the same, for the half widths
+
+
+class Matrices(NamedTuple):
+    """C_0, C_image and C_stop (n, n), C_own and C_absolute (L, n, n) by length.
+
+    The zz blocks of the last two are the same.
+    """
+
+    C_0: Array
+    C_image: Array
+    C_stop: Array
+    C_own: Array
+    C_absolute: Array
+
+
+class NoiseBlocks(NamedTuple):
+    """The zz blocks of :class:`Matrices`."""
+
+    C_0: Array
+    C_image: Array
+    C_stop: Array
+    C_geometry: Array
+
+
+class Machines(NamedTuple):
+    """The grid: κ, σ_stop, σ_geometry, which length l, ln prior, (P,) each."""
+
+    scales: Array
+    stops: Array
+    geometry: Array
+    lengths: NDArray[np.int64]
+    log_prior: Array
+
+
+class Weighed(NamedTuple):
+    """What :func:`weigh` fills.
+
+    Attributes
+    ----------
+    log_weight, fit : (P,)
+        ln(prior · likelihood) and zᵀ C_zz⁻¹ z.
+    deltas, covariances : (P, 2, u), (P, 2, u, u)
+        Own, absolute.
+    """
+
+    log_weight: Array
+    fit: Array
+    deltas: Array
+    covariances: Array
 
 
 @_compiled
@@ -149,25 +203,43 @@ def smooth_covariance(effect, places, lengths, covariance):
 
 
 @_compiled
-def weigh(C_0, C_image, C_stop, C_own, C_absolute, u_z, u, scales, stops, geometry, lengths,
-          log_prior, log_weight, fit, deltas, covariances):  # fmt: skip
+def _whiten(L, X, square):
+    """Replace X (m, w) by L⁻¹ X, all columns at once, and fill XᵀX of that."""
+    m, width = X.shape
+    for i in range(m):
+        for k in range(i):
+            factor = L[i, k]
+            for j in range(width):
+                X[i, j] -= factor * X[k, j]
+        factor = L[i, i]
+        for j in range(width):
+            X[i, j] *= factor
+    square[:, :] = 0.0
+    for i in range(m):
+        for k in range(width):
+            factor = X[i, k]
+            for j in range(width):
+                square[k, j] += factor * X[i, j]
+
+
+@_compiled
+def weigh(matrices, u_z, u, machines, weighed):
     """Fill what each machine of the grid means.
 
     Parameters
     ----------
-    C_0, C_image, C_stop : (n, n)
-    C_own, C_absolute : (L, n, n)
-        By length; their zz blocks are the same.
+    matrices : Matrices
     u_z : (n,)
         (u, z) of the data.
     u : int
         Number of unknowns; m = n - u.
-    scales, stops, geometry, lengths, log_prior : (P,)
-    log_weight, fit : (P,)
-        Filled with ln(prior · likelihood) and zᵀ C_zz⁻¹ z.
-    deltas, covariances : (P, 2, u), (P, 2, u, u)
-        Filled: own, absolute.
+    machines : Machines
+    weighed : Weighed
+        Filled.
     """
+    C_0, C_image, C_stop, C_own, C_absolute = matrices
+    scales, stops, geometry, lengths, log_prior = machines
+    log_weight, fit, deltas, covariances = weighed
     n = C_0.shape[0]
     m, width = n - u, 2 * u + 1
     C, L = np.empty((m, m)), np.empty((m, m))
@@ -188,20 +260,7 @@ def weigh(C_0, C_image, C_stop, C_own, C_absolute, u_z, u, scales, stops, geomet
                 X[i, u + k] = common + c * G_absolute[u + i, k]
             X[i, 2 * u] = u_z[u + i]
         log_determinant = _factor(C, m, L)
-        for i in range(m):  # all columns at once: in vectors
-            for k in range(i):
-                factor = L[i, k]
-                for j in range(width):
-                    X[i, j] -= factor * X[k, j]
-            factor = L[i, i]
-            for j in range(width):
-                X[i, j] *= factor
-        square[:, :] = 0.0
-        for i in range(m):
-            for k in range(width):
-                factor = X[i, k]
-                for j in range(width):
-                    square[k, j] += factor * X[i, j]
+        _whiten(L, X, square)
         fit[p] = square[2 * u, 2 * u]
         log_weight[p] = log_prior[p] - 0.5 * (fit[p] + log_determinant)
         for which in range(2):
@@ -333,13 +392,14 @@ def half_widths(weight, means, sigmas, mean, covariance, level, widths):
 
 
 @_compiled
-def bayes_factors(C_0, C_image, C_stop, C_geometry, z, scales, stops, geometry, lengths,
-                  log_prior, columns, first, log_factors):  # fmt: skip
+def bayes_factors(blocks, z, machines, columns, first, log_factors):
     """Fill ln(evidence with / evidence without) of hypotheses "these rows are wrong, too".
 
     A hypothesis adds E Eᵀ to C_zz, with E its columns (m, k) of ``columns``: from ``first[h]`` to
-    ``first[h + 1]``. All C are the zz blocks; ``columns`` (c, m) holds E transposed.
+    ``first[h + 1]``. ``blocks`` are :class:`NoiseBlocks`; ``columns`` (c, m) holds E transposed.
     """
+    C_0, C_image, C_stop, C_geometry = blocks
+    scales, stops, geometry, lengths, log_prior = machines
     m, count = z.size, first.size - 1
     widest = 0
     for h in range(count):

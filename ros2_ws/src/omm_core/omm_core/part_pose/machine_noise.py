@@ -14,6 +14,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from omm_core.part_pose.grid_kernels import Machines
 from omm_core.part_pose.problem import SolveOptions
 
 Array = NDArray[np.float64]
@@ -60,6 +61,13 @@ class NoiseGrid:
     def __len__(self) -> int:
         """Return P."""
         return len(self.log_prior)
+
+    def machines(self) -> Machines:
+        """Return the grid as the kernels take it."""
+        return Machines(
+            scales=self.image_scale, stops=self.stop_sigma_mm, geometry=self.geometry_sigma_mm,
+            lengths=self.length_index, log_prior=self.log_prior,
+        )  # fmt: skip
 
     def only(self, points: NDArray[np.int64]) -> NoiseGrid:
         """Return the grid of some points; their prior is left as it is."""

@@ -8,15 +8,19 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_core.part_pose.grid_kernels import half_widths, moments, normalise, weigh
+from omm_core.part_pose.grid_kernels import (
+    Matrices,
+    Weighed,
+    half_widths,
+    moments,
+    normalise,
+    weigh,
+)
 from omm_core.part_pose.machine_noise import NoiseGrid, noise_grid
 from omm_core.part_pose.noise_model import NoiseModel
 from omm_core.part_pose.problem import Problem, SolveOptions
 
 Array = NDArray[np.float64]
-
-Matrices = tuple[Array, Array, Array, Array, Array]
-"""C_0, C_image, C_stop, C_own, C_absolute of grid_kernels.py."""
 
 IMAGE = "image"
 STOPS = "stops"
@@ -74,8 +78,7 @@ class Posterior:
     deltas, covariances : (P, 2, u), (P, 2, u, u) arrays
         Of the unknowns of kernels.py: own, absolute.
     log_evidence : float
-    matrices : tuple of arrays
-        C_0, C_image, C_stop, C_own, C_absolute as in grid_kernels.py.
+    matrices : Matrices
     """
 
     model: NoiseModel
@@ -126,16 +129,16 @@ class Posterior:
     @cached_property
     def components(self) -> dict[str, Array]:
         """Return the mean covariance of (u, z) in own coordinates by source, (n, n) each."""
-        _, C_image, C_stop, C_own, _ = self.matrices
+        matrices = self.matrices
         grid, model = self.grid, self.model
         geometry = np.bincount(
             grid.length_index, weights=self.weight * grid.geometry_sigma_mm**2,
-            minlength=len(C_own),
+            minlength=len(matrices.C_own),
         )  # fmt: skip
         return {
-            IMAGE: float(self.weight @ grid.image_scale**2) * C_image,
-            STOPS: float(self.weight @ grid.stop_sigma_mm**2) * C_stop,
-            GEOMETRY: np.tensordot(geometry, C_own, axes=1),
+            IMAGE: float(self.weight @ grid.image_scale**2) * matrices.C_image,
+            STOPS: float(self.weight @ grid.stop_sigma_mm**2) * matrices.C_stop,
+            GEOMETRY: np.tensordot(geometry, matrices.C_own, axes=1),
             TARGETS: model.targets,
             CALIBRATION: model.calibration,
         }
@@ -169,7 +172,10 @@ def noise_matrices(model: NoiseModel, grid: NoiseGrid) -> Matrices:
     """Return C_0, C_image, C_stop, C_own, C_absolute of grid_kernels.py."""
     own, absolute = model.geometry_covariances(grid.lengths_mm)
     known = model.targets + model.calibration
-    return known, model.image, model.stop_covariance(), own, absolute
+    return Matrices(
+        C_0=known, C_image=model.image, C_stop=model.stop_covariance(), C_own=own,
+        C_absolute=absolute,
+    )  # fmt: skip
 
 
 def diagonal_mm(problem: Problem) -> float:
@@ -185,27 +191,23 @@ def posterior(model: NoiseModel, options: SolveOptions) -> Posterior:
     matrices = noise_matrices(model, grid)
     if len(grid) * model.redundancy**3 > _ALL_OF_THE_GRID:
         grid = grid.only(_likely_points(model, grid, matrices))
-    log_weight, fit, deltas, covariances = _weighed(model, grid, matrices)
+    weighed = _weighed(model, grid, matrices)
     weight = np.empty(len(grid))
-    log_evidence = float(normalise(log_weight, weight))
+    log_evidence = float(normalise(weighed.log_weight, weight))
     return Posterior(
-        model=model, grid=grid, weight=weight, fit=fit, deltas=deltas, covariances=covariances,
-        log_evidence=log_evidence, matrices=matrices,
+        model=model, grid=grid, weight=weight, fit=weighed.fit, deltas=weighed.deltas,
+        covariances=weighed.covariances, log_evidence=log_evidence, matrices=matrices,
     )  # fmt: skip
 
 
-def _weighed(
-    model: NoiseModel, grid: NoiseGrid, matrices: Matrices
-) -> tuple[Array, Array, Array, Array]:
-    """Return log weights (P,), fits (P,), means (P, 2, u) and covariances (P, 2, u, u)."""
+def _weighed(model: NoiseModel, grid: NoiseGrid, matrices: Matrices) -> Weighed:
     points, u = len(grid), model.unknowns
-    log_weight, fit = np.empty(points), np.empty(points)
-    deltas, covariances = np.empty((points, 2, u)), np.empty((points, 2, u, u))
-    weigh(
-        *matrices, model.u_z, u, grid.image_scale, grid.stop_sigma_mm, grid.geometry_sigma_mm,
-        grid.length_index, grid.log_prior, log_weight, fit, deltas, covariances,
+    weighed = Weighed(
+        log_weight=np.empty(points), fit=np.empty(points),
+        deltas=np.empty((points, 2, u)), covariances=np.empty((points, 2, u, u)),
     )  # fmt: skip
-    return log_weight, fit, deltas, covariances
+    weigh(matrices, model.u_z, u, grid.machines(), weighed)
+    return weighed
 
 
 def _likely_points(model: NoiseModel, grid: NoiseGrid, matrices: Matrices) -> NDArray[np.int64]:
@@ -219,7 +221,7 @@ def _likely_points(model: NoiseModel, grid: NoiseGrid, matrices: Matrices) -> ND
     known: set[int] = set()
     while wanted:
         points = np.array(sorted(wanted))
-        log_weight[points] = _weighed(model, grid.only(points), matrices)[0]
+        log_weight[points] = _weighed(model, grid.only(points), matrices).log_weight
         known |= set(wanted)
         likely = [p for p in known if log_weight[p] > log_weight.max() - _UNLIKELY]
         beside = {
