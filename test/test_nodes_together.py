@@ -6,10 +6,14 @@ from pathlib import Path
 import pytest
 from builtin_interfaces.msg import Time
 from estimator_bench import Bench, bench_in_own_domain, end, kill
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from omm_interfaces.msg import PartEstimate
 from omm_interfaces.srv import LeaveOutImage, LoadPart
 from std_srvs.srv import Trigger
+from tf2_msgs.msg import TFMessage
 
 from omm_recording.repairing import repair
+from omm_ros import qos
 from omm_runs.solving import solve_run
 from omm_simulation.cell import Cell, draw, write_estimator_files
 from omm_simulation.offline import ImageMessage, run
@@ -152,3 +156,25 @@ def test_an_image_taken_back_in_or_a_new_clamping_undoes_it(
     bench.until(lambda: not bench.estimates[-1].images, "an empty estimate")
     assert bench.play(halves[0], images=4).images[0].used
     end(estimator)
+
+
+def test_a_killed_estimators_pose_reaches_nobody_who_comes_late(
+    bench: Bench, cell: Cell, halves: tuple[list[object], list[object]], tmp_path: Path
+) -> None:
+    part, calibration = write_estimator_files(cell, tmp_path)
+    recorder = bench.start("omm_recorder", folder=tmp_path / "run")
+    estimator = bench.start("omm_estimator", part_file=part, calibration_file=calibration)
+    bench.until_heard(2)
+    assert bench.play([*halves[0], *halves[1]], images=8).determined
+    kill(estimator)
+    late: list[object] = []
+    for kind, topic in (
+        (PoseWithCovarianceStamped, "/omm/part_pose"),
+        (PartEstimate, "/omm/estimate"),
+        (TFMessage, "/tf"),
+        (TFMessage, "/tf_static"),
+    ):
+        bench.node.create_subscription(kind, topic, late.append, qos.LATCHED)
+    bench.idle(3.0)
+    assert late == []
+    end(recorder)

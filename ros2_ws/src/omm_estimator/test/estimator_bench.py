@@ -6,6 +6,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -101,11 +102,13 @@ class Bench:
 
     def play(self, messages: list[object], images: int) -> PartEstimate:
         """Publish a run and wait until that many images are settled."""
+        known = self._images_known()
         for message in messages:
             self.publish(message)
             self.executor.spin_once(timeout_sec=0.0)
-            if isinstance(message, ImageMessage):
-                time.sleep(0.2)  # as fast as the estimator can follow on a loaded machine
+            if isinstance(message, ImageMessage):  # as fast as it follows, however loaded
+                known += 1
+                self.until(partial(self._knows, known), f"image {known}'s account")
         self.until(
             lambda: (
                 bool(self.estimates)
@@ -116,6 +119,12 @@ class Bench:
             lambda: [(len(e.images), e.images_pending) for e in self.estimates],
         )
         return self.estimates[-1]
+
+    def _images_known(self) -> int:
+        return len(self.estimates[-1].images) if self.estimates else 0
+
+    def _knows(self, images: int) -> bool:
+        return self._images_known() >= images
 
     def call(self, kind: type, name: str, request: object) -> object:
         client = self.node.create_client(kind, name)
