@@ -1,0 +1,69 @@
+"""Plans the images of an in-machine calibration from files, and writes them as a program."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from omm_core.errors import InputError
+from omm_core.files.machine import load_machine
+from omm_core.files.part import load_part
+from omm_core.geometry import RigidTransform
+from omm_core.imaging.calibration import load_calibration
+from omm_core.machine.kinematics import Kinematics
+from omm_core.planning.calibration_plan import (
+    CalibrationPlan,
+    CalibrationScene,
+    plan_calibration,
+)
+from omm_core.planning.other_programs import program_text
+from omm_core.planning.program import ProgramStop, make_program
+
+_STOP_SIGMA_MM = 0.003  # where machine.yaml does not tell it
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationPlanRequest:
+    """What is given; ``plate_at_mm`` is the plate's origin in the machine."""
+
+    plate_file: Path
+    camera_file: Path
+    machine_file: Path
+    plate_at_mm: tuple[float, float, float]
+    want_px: float
+    touch_sigma_mm: float | None
+
+
+def plan_from_files(request: CalibrationPlanRequest) -> tuple[CalibrationScene, CalibrationPlan]:
+    """Return the plan and what it is for.
+
+    Raises
+    ------
+    InputError
+        Where a file cannot be used, or the machine does not reach the plate.
+    """
+    if not request.want_px > 0.0:
+        raise InputError(f"Expected a wanted uncertainty above 0 px, got {request.want_px:g}.")
+    declared = load_machine(request.machine_file).uncertainty.stop_sigma_mm
+    scene = CalibrationScene(
+        plate=load_part(request.plate_file),
+        machine_T_plate=RigidTransform(
+            rotation=np.eye(3), translation_mm=np.array(request.plate_at_mm)
+        ),
+        camera=load_calibration(request.camera_file),
+        kinematics=Kinematics.load(request.machine_file),
+        stop_sigma_mm=_STOP_SIGMA_MM if declared is None else max(declared, 1e-4),
+        touch_sigma_mm=request.touch_sigma_mm,
+    )
+    return scene, plan_calibration(scene, request.want_px)
+
+
+def calibration_program(scene: CalibrationScene, plan: CalibrationPlan, control: str) -> str:
+    """Return the program that takes the images, with the handshake that the bridge answers."""
+    stops = [
+        ProgramStop(axes=stop.axes, label=f"calibration {number} of {len(plan.stops)}")
+        for number, stop in enumerate(plan.stops, start=1)
+    ]
+    return program_text(make_program(scene.kinematics, stops, title="calibrate camera"), control)
