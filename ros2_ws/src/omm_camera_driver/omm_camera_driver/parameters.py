@@ -20,7 +20,7 @@ class Parameters:
         "", "Which camera: serial number, address, model or device path; the only one if empty."
     )
     frame_id: str = parameter("camera_optical", "Frame of the images.")
-    frame_prefix: str = parameter("", "Before every frame's name, for several machines: mill1/.")
+    frame_prefix: str = parameter("", "Prefix of every frame's name, for several machines: mill1/.")
     calibration_file: str = parameter(
         "", "camera.yaml of the calibrated camera; camera_info is made of it."
     )
@@ -74,9 +74,7 @@ class Parameters:
     clamping_seed: int = parameter(
         -1, "simulated: draws the clamping angle alone; -1 takes the seed.", minimum=-1
     )
-    repeat: int = parameter(
-        1, "simulated: the how manieth measurement in that clamping.", minimum=1
-    )
+    repeat: int = parameter(1, "simulated: number of the measurement in that clamping.", minimum=1)
     bumped_id: int = parameter(
         -1, "simulated: a target that is not where the part file says; -1 is none.", minimum=-1
     )

@@ -24,7 +24,7 @@ class HandshakeLimits:
     retry_ns: int = 500_000_000
     """Pause after an attempt that failed."""
     hold_ns: int = 50_000_000
-    """For so long after the middle of the exposure the spindle must be seen to stand still."""
+    """How long after the middle of the exposure the spindle must be seen to stand still."""
 
 
 @dataclass(frozen=True, kw_only=True)

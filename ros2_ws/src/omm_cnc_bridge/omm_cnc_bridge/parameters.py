@@ -34,7 +34,7 @@ class Parameters:
     )
     mdi_timeout_s: float = parameter(
         60.0,
-        "How long a block (MDI) may take; it is not stopped then, only waited for no longer.",
+        "How long to wait for a block (MDI); after that it goes on, but is not waited for.",
         minimum=0.1,
     )
 
@@ -43,7 +43,9 @@ class Parameters:
     )
     tolerance_rad: float = parameter(5e-6, "The same for a rotary axis.", minimum=1e-9)
     dwell_s: float = parameter(
-        0.2, "For so long nothing may have moved for the spindle to be in position.", minimum=0.0
+        0.2,
+        "How long nothing may have moved before the spindle counts as in position.",
+        minimum=0.0,
     )
     gap_s: float = parameter(
         0.1, "Samples further apart prove nothing about the time between.", minimum=0.001
@@ -63,25 +65,25 @@ class Parameters:
         100.0, "Samples per second that the control is asked for.", minimum=10.0, maximum=1000.0
     )
     state_rate_hz: float = parameter(
-        20.0, "cnc/state per second; changes are published at once besides.", minimum=1.0
+        20.0, "cnc/state messages per second; changes are also published at once.", minimum=1.0
     )
     publish_truth: bool = parameter(
         True, "Whether a simulated machine's true poses go to simulation/true_spindle_pose."
     )
-    frame_prefix: str = parameter("", "Before every frame's name, for several machines: mill1/.")
+    frame_prefix: str = parameter("", "Prefix of every frame's name, for several machines: mill1/.")
     publish_tf: bool = parameter(True, "Whether machine -> spindle goes out on /tf.")
 
     trigger_service: str = parameter(
         "camera/trigger", "Service that takes an image; empty where others trigger the camera."
     )
     trigger_timeout_s: float = parameter(
-        5.0, "How long an answer of the camera is waited for.", minimum=0.01
+        5.0, "How long to wait for the camera's answer.", minimum=0.01
     )
-    trigger_attempts: int = parameter(3, "Images that are tried for one request.", minimum=1)
+    trigger_attempts: int = parameter(3, "Attempts to take an image for one request.", minimum=1)
     retry_s: float = parameter(0.5, "Pause before an image is tried again.", minimum=0.0)
     hold_after_image_s: float = parameter(
         0.12,
-        "So long after the exposure's middle the spindle must still stand (the estimator: 0.1 s).",
+        "How long after the exposure's middle the spindle must still stand (estimator: 0.1 s).",
         minimum=0.0,
     )
     start_program: bool = parameter(
@@ -97,7 +99,7 @@ class Parameters:
     calibration_file: str = parameter("", "camera.yaml of the plan.")
     find_timeout_s: float = parameter(
         3.0,
-        "How long the estimator is waited for with each image; then no correction is told.",
+        "How long to wait for the estimator with each image; after that, nothing is corrected.",
         minimum=0.1,
     )
 
@@ -107,7 +109,7 @@ class Parameters:
         "[ssh, control, python3, -I, -u, linuxcnc_reader.py]. Empty reads the one here.",
     )
     linuxcnc_joints: tuple[str, ...] = parameter(
-        (), "LinuxCNC: axis that each joint is; empty takes the letters of its configuration."
+        (), "LinuxCNC: axis of each joint; empty takes the letters of its configuration."
     )
     linuxcnc_poll: bool = parameter(
         False, "LinuxCNC: poll its status although its HAL has a sampler."
@@ -127,7 +129,7 @@ class Parameters:
     opcua_mapping_file: str = parameter(
         "", "OPC UA: file that says where the control keeps what; empty takes OPC 40502's names."
     )
-    opcua_user: str = parameter("", "OPC UA: user; empty logs in as nobody.")
+    opcua_user: str = parameter("", "OPC UA: user; empty logs in anonymously.")
     opcua_password_file: str = parameter("", "OPC UA: file that holds the user's password.")
     opcua_certificate_file: str = parameter(
         "",
@@ -157,13 +159,13 @@ class Parameters:
         -1, "Simulated control: another clamping of the same cell; -1 takes the seed."
     )
     repeat: int = parameter(
-        1, "Simulated control: the how manieth measurement in that clamping.", minimum=1
+        1, "Simulated control: number of the measurement in that clamping.", minimum=1
     )
     bumped_id: int = parameter(-1, "Simulated control: target that was bumped; -1 for none.")
     speed_factor: float = parameter(
         1.0, "Simulated control: how many times as fast the machine moves.", minimum=0.01
     )
     repetitions: int = parameter(
-        1, "Simulated control: how often its stops are gone through.", minimum=1
+        1, "Simulated control: how often it goes through its stops.", minimum=1
     )
     network: bool = network_parameter()

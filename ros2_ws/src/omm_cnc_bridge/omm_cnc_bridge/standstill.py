@@ -24,7 +24,7 @@ class StandStillLimits:
     tolerance_rad: float = 5e-6
     """The same for a rotary axis."""
     dwell_ns: int = 200_000_000
-    """For so long no axis may have moved."""
+    """How long no axis may have moved."""
     gap_ns: int = 100_000_000
     """Samples further apart than this prove nothing about the time between them."""
 

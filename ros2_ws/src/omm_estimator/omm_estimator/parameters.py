@@ -32,15 +32,16 @@ class Parameters:
         minimum=0.0, read_only=False,
     )  # fmt: skip
     worst_machine_mm: float = parameter(
-        0.1, "No machine's geometry errs by more (standard deviation): beyond, images are refused.",
+        0.1,
+        "Largest error of a machine's geometry (standard deviation); beyond, images are refused.",
         minimum=0.001, read_only=False,
     )  # fmt: skip
     standstill_tolerance_mm: float = parameter(
-        0.005, "Poses of a spindle that stands still differ by no more.", minimum=1e-6
+        0.005, "How far the poses of a spindle that stands still may differ.", minimum=1e-6
     )
     standstill_tolerance_rad: float = parameter(2e-5, "The same for its orientation.", minimum=1e-9)
     standstill_window_s: float = parameter(
-        0.1, "So long before and after an image the spindle must stand still.", minimum=0.001
+        0.1, "How long before and after an image the spindle must stand still.", minimum=0.001
     )
     standstill_gap_s: float = parameter(
         0.06, "Poses farther apart than this prove nothing about the time between.", minimum=0.001
@@ -60,7 +61,7 @@ class Parameters:
     )  # fmt: skip
     part_frame: str = parameter("part", "Name of the part's frame in /tf.")
     network: bool = network_parameter()
-    frame_prefix: str = parameter("", "Before every frame's name, for several machines: mill1/.")
+    frame_prefix: str = parameter("", "Prefix of every frame's name, for several machines: mill1/.")
     publish_tf: bool = parameter(
         True, "Whether machine -> part, spindle -> taper -> camera go out on /tf and /tf_static."
     )

@@ -31,7 +31,7 @@ class Parameters:
 
     result_file: str = parameter("", "Result, as `./omm solve RUN --json FILE` writes it.")
     part_frame: str = parameter("part", "Name of the part's frame in /tf.")
-    frame_prefix: str = parameter("", "Before every frame's name, for several machines: mill1/.")
+    frame_prefix: str = parameter("", "Prefix of every frame's name, for several machines: mill1/.")
     publish_tf: bool = parameter(True, "Whether machine -> part, spindle -> taper go out on /tf.")
     network: bool = network_parameter()
 

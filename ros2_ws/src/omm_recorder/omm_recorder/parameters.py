@@ -15,7 +15,7 @@ class Parameters:
     )
     compression: str = parameter(
         "zstd",
-        "Of the chunks; none is the fastest, zstd halves the size. Images stay exact.",
+        "Compression of chunks: none is the fastest, zstd halves the size. Images stay exact.",
         choices=COMPRESSIONS,
     )
     topics: tuple[str, ...] = parameter(

@@ -145,7 +145,7 @@ def draw(
         Draws what is anew with each clamping: the same machine and part, the camera clamped anew
         and everything measured once more (repeatability).
     repeat : int
-        The how manieth measurement in that clamping: the holder stays as it is, stops and images
+        Number of the measurement in that clamping: the holder stays as it is, stops and images
         are anew.
     bumped_id : int, optional
         A target that is not where the part file says.

@@ -1,4 +1,4 @@
-"""One module a command, each with `add_arguments(parser)` and `run(args) -> exit status`.
+"""One module per command, each with `add_arguments(parser)` and `run(args) -> exit status`.
 
 What is heavy is imported inside `run`, so that `--help` and bad usage answer at once.
 """

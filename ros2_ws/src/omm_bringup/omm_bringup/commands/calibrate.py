@@ -12,7 +12,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="take the lens of a calibration of ROS, OpenCV, Kalibr or Metashape",
     )  # fmt: skip
     parser.add_argument(
-        "--check", metavar="RUN", type=Path, help="does a calibration still hold on a new run?"
+        "--check",
+        metavar="RUN",
+        type=Path,
+        help="check whether a calibration still holds on a new run",
     )
     for name, words in (
         ("part", "part file"), ("calibration", "calibration"), ("machine", "machine.yaml"),

@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--calibration", metavar="FILE", type=Path, help="with --camera: calibration")
     add("--machine", metavar="FILE", type=Path, help="with --camera: machine file")
     add("--scheduler", metavar="ADDRESS", help="spread over a Dask scheduler's workers")
-    add("--jobs", type=int, metavar="N", help="processes side by side (default: one a core)")
+    add("--jobs", type=int, metavar="N", help="processes side by side (default: one per core)")
     add("--json", metavar="OUT", type=Path, help="write the result as JSON")
     add("--report", metavar="PDF", type=Path, help="write it as a document")
     add("--picture", metavar="PNG", type=Path, help="draw it, by clamping")

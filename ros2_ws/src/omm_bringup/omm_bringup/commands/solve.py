@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", metavar="OUT", type=Path, help="write the result as JSON")
     parser.add_argument("--csv", metavar="OUT", type=Path, help="one line for each run")
     parser.add_argument(
-        "--jobs", metavar="N", type=int, help="runs solved side by side (default: one a core)"
+        "--jobs", metavar="N", type=int, help="runs solved side by side (default: one per core)"
     )
     parser.add_argument(
         "--image-topic",

@@ -20,7 +20,7 @@ THETA = ("alpha_rad", "beta_rad", "gamma_rad", "x_mm", "y_mm", "z_mm", "gamma_s_
 
 @dataclass(frozen=True, kw_only=True)
 class CampaignRun:
-    """One run of a campaign: which clamping it belongs to, and the how manieth in it."""
+    """One run of a campaign: which clamping it belongs to, and its number within it."""
 
     run: Annotated[Path, file()]
     clamping: Annotated[int, integer()]
