@@ -62,6 +62,6 @@ def _findings(sources: BudgetSources, corners: Array) -> tuple[str, ...]:
         return ()
     return (
         f"cad: {int(beside.sum())} of {len(targets)} targets lie beside the CAD, which is"
-        f" {size:.0f} mm from corner to corner, the targets {spread:.0f} mm: is its unit"
-        " (cad_unit) right, and is it in the part frame?",
+        f" {size:.0f} mm from corner to corner, the targets {spread:.0f} mm: see whether its"
+        " unit (cad_unit) is right, and whether it is in the part frame",
     )

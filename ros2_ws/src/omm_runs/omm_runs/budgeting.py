@@ -140,7 +140,9 @@ def _doubts(budget: Budget, part: Part) -> tuple[str, ...]:
         return ("all that is given is 0 or cancels: U is 0, which no measurement has",)
     size = float(np.linalg.norm(np.ptp(part.box(), axis=0)))
     if largest > _LARGE * size > 0.0:
-        return (f"U of {largest:.4g} mm on a part of {size:.4g} mm: are all units right?",)
+        return (
+            f"U of {largest:.4g} mm on a part of {size:.4g} mm: see whether all units are right",
+        )
     return ()
 
 

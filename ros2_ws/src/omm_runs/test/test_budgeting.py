@@ -196,7 +196,7 @@ contributors: [{name: a, sigma: 0.02, correlation: {b: -1}}, {name: b, sigma: 0.
     assert result.sampled.agrees.all()
     assert any("which no measurement has" in words for words in result.findings)
     microns_as_mm = budget("part: part.yaml\nu_ip: {sigma_mm: [20, 27, 24]}")
-    assert any("are all units right" in words for words in microns_as_mm.findings)
+    assert any("all units are right" in words for words in microns_as_mm.findings)
 
 
 @pytest.mark.parametrize(

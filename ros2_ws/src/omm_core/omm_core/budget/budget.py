@@ -24,7 +24,7 @@ from omm_core.budget.evaluation import (
     root_sum_squares,
     sample,
 )
-from omm_core.budget.propagation import Correlation, student_factor
+from omm_core.budget.propagation import Correlation, student_factors
 
 Array = NDArray[np.float64]
 GROUPS = ("u_ip", "u_it", "u_out", "u_machine")
@@ -42,8 +42,7 @@ class Coverage:
         freedom = combined.degrees_of_freedom
         if self.probability is None:
             return np.full(freedom.shape, self.factor)
-        flat = [student_factor(self.probability, value) for value in freedom.reshape(-1)]
-        return np.array(flat).reshape(freedom.shape)
+        return student_factors(self.probability, freedom)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -113,8 +113,8 @@ def check_probing(
     off = float(np.linalg.norm(np.median(error, axis=0)))
     if off > _FAR_MM:
         findings.append(
-            f"the points lie {off:.4g} mm off all together: are they in machine coordinates (no"
-            " work offset), in mm, the touched place (not the spindle), the part as it lay then?"
+            f"the points lie {off:.4g} mm off all together: expected are machine coordinates (no"
+            " work offset), in mm, of the touched place (not the spindle), the part as it lay then"
         )
     chi_square, p_value = np.nan, np.nan
     if np.all(own**2 + extra**2 > 0.0):

@@ -71,12 +71,18 @@ class MonteCarlo:
 
 def student_factor(probability: float, degrees_of_freedom: float) -> float:
     """Return the half width, in standard uncertainties, that holds a probability (GUM G.3)."""
+    return float(student_factors(probability, np.array([degrees_of_freedom]))[0])
+
+
+def student_factors(probability: float, degrees_of_freedom: Array) -> Array:
+    """Return :func:`student_factor` of each, in the same shape; infinite ones are normal."""
     if not 0.0 < probability < 1.0:
         raise InputError(f"Expected a coverage probability between 0 and 1, got {probability}.")
     tail = 0.5 + probability / 2.0
-    if math.isinf(degrees_of_freedom):
-        return float(stats.norm.ppf(tail))
-    return float(stats.t.ppf(tail, degrees_of_freedom))
+    found = np.full(degrees_of_freedom.shape, float(stats.norm.ppf(tail)))
+    finite = np.isfinite(degrees_of_freedom)
+    found[finite] = stats.t.ppf(tail, degrees_of_freedom[finite])
+    return found
 
 
 def first_order(
