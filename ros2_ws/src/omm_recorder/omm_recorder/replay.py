@@ -45,9 +45,9 @@ class ReplayParameters:
     rate: float = parameter(
         1.0, "How many times faster than recorded.", minimum=MIN_RATE, maximum=MAX_RATE
     )
-    loop: bool = parameter(False, "Begin again at the end.")
+    loop: bool = parameter(False, "Start again at the end.")
     start_s: float = parameter(0.0, "Seconds from the beginning to start at.", minimum=0.0)
-    pause: bool = parameter(False, "Begin paused.")
+    pause: bool = parameter(False, "Start paused.")
     topics: tuple[str, ...] = parameter(
         (), "Topics to publish; none named: what cameras and controls published."
     )

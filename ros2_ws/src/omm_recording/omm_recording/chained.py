@@ -57,7 +57,7 @@ class Chain:
         """
         number = bisect.bisect_left(self._offsets, offset)
         if number == len(self._offsets) or self._offsets[number] != offset:
-            raise Damaged(f"the block at byte {offset} is none that was sealed")
+            raise Damaged(f"the block at byte {offset} is not one that was sealed")
         if not self._holds(number):
             raise Damaged(f"the block at byte {offset} has another checksum than was written")
 

@@ -98,7 +98,9 @@ def records(file: IO[bytes], start: int, end: int) -> Iterator[Record]:
 def content(file: IO[bytes], record: Record) -> bytes:
     """Return the content of a record."""
     if record.length > LARGEST_RECORD:
-        raise Damaged(f"the record at byte {record.start - PREFIX.size} is larger than any is")
+        raise Damaged(
+            f"the record at byte {record.start - PREFIX.size} is larger than any real one"
+        )
     file.seek(record.start)
     data = file.read(record.length)
     if len(data) != record.length:

@@ -57,7 +57,7 @@ def _in_folder(folder: Path) -> RunFiles:
     if unfinished:
         raise InputError(
             f"The recording {unfinished[0]} was never closed: it is still being written, or it was "
-            f"interrupted. If nothing writes it any more: ./omm repair {unfinished[0]}"
+            f"interrupted. If nothing is writing to it any more: ./omm repair {unfinished[0]}"
         )
     others = sorted(folder.glob("*.mcap"))
     if len(others) == 1:

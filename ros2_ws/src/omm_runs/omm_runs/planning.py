@@ -82,7 +82,7 @@ def _place(request: PlanRequest, part: Part) -> _Place:
     if nominal is None or not nominal.complete():
         lacks = "holds no 'nominal'" if nominal is None else "leaves some of 'nominal' open (null)"
         raise InputError(
-            f"{request.part_file} {lacks}: say about where the part is with --part-at X Y Z"
+            f"{request.part_file} {lacks}: say roughly where the part is with --part-at X Y Z"
             " [--part-turned A B G] or --near RUN."
         )
     x, y, z = (float(v or 0.0) for v in nominal.translation_mm)

@@ -8,11 +8,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("run", metavar="RUN", type=Path, help="an MCAP file or a run's folder")
     parser.add_argument("--rate", type=float, default=1.0, help="times faster than recorded")
-    parser.add_argument("--loop", action="store_true", help="begin again at the end")
+    parser.add_argument("--loop", action="store_true", help="start again at the end")
     parser.add_argument(
         "--start", metavar="S", type=float, default=0.0, help="seconds to leave out at the start"
     )
-    parser.add_argument("--pause", action="store_true", help="begin paused (space goes on)")
+    parser.add_argument("--pause", action="store_true", help="start paused (space continues)")
     parser.add_argument(
         "--topics",
         nargs="+",

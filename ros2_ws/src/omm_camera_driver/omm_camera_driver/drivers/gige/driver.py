@@ -80,7 +80,7 @@ class GigeDriver:
         if _held.setdefault(found.address, gvcp.HeldWatch()).is_held(found.address):
             raise DeviceError(
                 f"Expected {_name(found)} to be free, but another program holds it. Close that "
-                "program; a camera that was not let go of is free again after a few seconds."
+                "program; a camera that was not released is free again after a few seconds."
             )
         self._address = found.address
         self._camera = self._arv.camera_new(found.address.encode())
@@ -145,7 +145,7 @@ class GigeDriver:
         """Ask the camera directly: Aravis itself takes six seconds to notice that it is gone."""
         if not self._arv.gv_device_is_controller(self._device):
             raise DeviceLost(
-                "The camera is under our control no more (it was restarted, or cut off)."
+                "The camera is no longer under our control (it was restarted, or cut off)."
             )
         if gvcp.ask(self._address, 0.1) is not None:
             self._answered_s = time.monotonic()
@@ -156,7 +156,7 @@ class GigeDriver:
         else:
             return
         if gvcp.is_held(self._address) is False:
-            raise DeviceLost("The camera was restarted, or let go of us.")
+            raise DeviceLost("The camera was restarted, or ended the connection.")
         if time.monotonic() - self._clock_read_s > _CLOCK_PERIOD_S:
             self._read_clock(times=2)
             self._camera_health = self._settings.health()

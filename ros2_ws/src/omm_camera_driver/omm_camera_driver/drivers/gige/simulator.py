@@ -91,7 +91,7 @@ class GigeSimulator:
         if gvcp.ask(address) is not None:
             raise DeviceError(
                 f"Expected {address} to be free, but a camera is there already. The protocol's "
-                "port is fixed: one camera an address (ip addr add 127.0.0.2/8 dev lo)."
+                "port is fixed: one camera per address (ip addr add 127.0.0.2/8 dev lo)."
             )
         self._fill = fill
         self._arv = arv = aravis.load()

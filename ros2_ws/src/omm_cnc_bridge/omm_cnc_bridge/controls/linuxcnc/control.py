@@ -116,7 +116,7 @@ class LinuxCncControl:
                 message = json.loads(line)
             except ValueError as error:
                 text = line[:80].decode(errors="replace")
-                raise DeviceError(f"LinuxCNC's reader says {text!r}, which is no JSON.") from error
+                raise DeviceError(f"LinuxCNC's reader says {text!r}, which is not JSON.") from error
             if "samples" in message:
                 received_ns = time.monotonic_ns()
                 samples += [self._sample(row, received_ns) for row in message["samples"]]

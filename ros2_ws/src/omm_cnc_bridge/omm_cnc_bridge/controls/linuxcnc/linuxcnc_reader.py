@@ -87,7 +87,7 @@ class Alive:
             if ran_ns != before_ns:
                 self._ran[name] = (ran_ns, now)
             elif now - since > LIVENESS_LIMIT_S and (polled or not _waits_its_turn(pid or 0)):
-                raise Lost(f"LinuxCNC's {name} does not run any more")
+                raise Lost(f"LinuxCNC's {name} is no longer running")
 
     def environment(self) -> dict[str, str]:
         """Return LinuxCNC's RTAPI settings and HOME (its tool data): reading it needs them."""

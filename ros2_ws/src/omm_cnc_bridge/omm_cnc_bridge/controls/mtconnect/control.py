@@ -350,5 +350,5 @@ def _content_length(head: bytes) -> int:
                 break
             if len(value.strip()) < 10 and int(value) <= LARGEST_ANSWER:
                 return int(value)
-            raise DeviceError("MTConnect: a part of the stream is larger than any is.")
+            raise DeviceError("MTConnect: a part of the stream is larger than any real one.")
     raise DeviceError("MTConnect: expected the length of a part, its head has none.")
