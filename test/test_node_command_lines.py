@@ -16,6 +16,7 @@ NODES = {
     "omm_estimator.node": ("Parameters", "part_fil:=part.yaml", "part_file"),
     "omm_estimator.stored_result_node": ("Parameters", "result_fil:=r.json", "result_file"),
     "omm_operator.node": ("Parameters", "prt:=8766", "port"),
+    "omm_operator.overlay_node": ("Parameters", "widt_px:=5", "width_px"),
     "omm_operator.scene_node": ("Parameters", "part_fil:=part.yaml", "part_file"),
     "omm_recorder.node": ("Parameters", "foldr:=runs", "folder"),
     "omm_recorder.replay": ("ReplayParameters", "rat:=2.0", "rate"),

@@ -28,6 +28,7 @@ setup(
         "console_scripts": [
             "measure_node = omm_operator.measuring:main",
             "operator_node = omm_operator.node:main",
+            "overlay_node = omm_operator.overlay_node:main",
             "scene_node = omm_operator.scene_node:main",
         ],
     },

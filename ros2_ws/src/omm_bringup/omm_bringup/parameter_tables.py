@@ -13,6 +13,7 @@ NODES = {
     "estimator": "omm_estimator.parameters.Parameters",
     "stored_result": "omm_estimator.stored_result_node.Parameters",
     "operator": "omm_operator.parameters.Parameters",
+    "overlay": "omm_operator.overlay_node.Parameters",
     "scene": "omm_operator.scene_node.Parameters",
     "recorder": "omm_recorder.parameters.Parameters",
     "replay": "omm_recorder.replay.ReplayParameters",

@@ -18,6 +18,7 @@ MARKERS = "omm/markers"
 CAMERA_VIEW = "omm/camera_view"
 ROBOT_DESCRIPTION = "robot_description"
 JOINT_STATES = "joint_states"
+OVERLAY = "omm/overlay/compressed"
 OPERATOR_COMMANDS = "omm/operator_commands"
 
 TF = "/tf"
