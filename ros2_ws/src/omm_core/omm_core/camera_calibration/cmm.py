@@ -6,6 +6,7 @@ J Σ Jᵀ): the same as if its three coordinates were unknowns that were observe
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -37,6 +38,27 @@ _LOOSE = 10.0
 _ROBUST_ROUNDS = 8
 # An image farther than this from where the robust start has it is not used to begin with.
 _ASTRAY_PX = 10.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Seen:
+    """The dot's images, and where it stood.
+
+    Attributes
+    ----------
+    outlines : (N, K, 3) array
+        Points on the edge of the dot at each place, taper frame, mm.
+    pixels, covariance_px2 : (N, 2), (N, 2, 2) arrays
+        Centres of its images.
+    sigma_xyz_mm : float
+        Of each coordinate of a place.
+    """
+
+    sensor: Sensor
+    outlines: Array
+    pixels: Array
+    covariance_px2: Array
+    sigma_xyz_mm: float
 
 
 def calibrate_by_places(
@@ -81,20 +103,25 @@ def calibrate_by_places(
     starts = start_from_places(sensor, places, pixels)
     camera = _best_start(sensor, outlines, pixels, starts if hint is None else [*starts, hint])
     used = _at_hand(sensor, camera, outlines, pixels)
-    camera = _closed(sensor, outlines, pixels, covariance_px2, sigma_xyz_mm, used, camera)
+    seen = _Seen(
+        sensor=sensor,
+        outlines=outlines,
+        pixels=pixels,
+        covariance_px2=covariance_px2,
+        sigma_xyz_mm=sigma_xyz_mm,
+    )
+    camera = _closed(seen, used, camera)
     near = camera
 
     def adjust(used: Mask) -> tuple[Problem, Solution]:
-        return _adjust(sensor, outlines, pixels, covariance_px2, sigma_xyz_mm, used, near)
+        return _adjust(seen, used, near)
 
     refuse = partial(_refuse_moved, images)
     weeded = weed(adjust, np.arange(n), used, least=9, refuse_moved=refuse)
     solution, used = weeded.solution, weeded.used
     camera = solution.values["camera"][0]
     require_determined(sensor, solution)
-    halves = _halves(
-        sensor, outlines, pixels, covariance_px2, sigma_xyz_mm, used, camera, solution.sigma0
-    )
+    halves = _halves(seen, used, camera, solution.sigma0)
     return CalibrationResult(
         sensor=sensor,
         camera=camera,
@@ -120,11 +147,7 @@ def calibrate_by_places(
 
 
 def _adjust(
-    sensor: Sensor,
-    outlines: Array,
-    pixels: Array,
-    covariance_px2: Array,
-    sigma_xyz_mm: float,
+    seen: _Seen,
     used: Mask,
     camera: Array,
     prior_sigma: Array | None = None,
@@ -133,16 +156,19 @@ def _adjust(
     about = None if prior is None else camera[None]
 
     def evaluate(values: Values) -> tuple[Array, dict[str, Array]]:
-        centres, by_camera, _ = project_with_derivatives(sensor, values["camera"][0], outlines)
+        centres, by_camera, _ = project_with_derivatives(
+            seen.sensor, values["camera"][0], seen.outlines
+        )
         return centres, {"camera": by_camera}
 
     for _ in range(2):  # the second time with the places' uncertainty seen from the right camera
-        by_place = project_with_derivatives(sensor, camera, outlines)[2].sum(axis=1)
+        by_place = project_with_derivatives(seen.sensor, camera, seen.outlines)[2].sum(axis=1)
         block = Block(
             name="pixels",
-            observed=pixels,
-            covariance=covariance_px2 + sigma_xyz_mm**2 * by_place @ np.swapaxes(by_place, 1, 2),
-            index={"camera": np.zeros(len(pixels), dtype=int)},
+            observed=seen.pixels,
+            covariance=seen.covariance_px2
+            + seen.sigma_xyz_mm**2 * by_place @ np.swapaxes(by_place, 1, 2),
+            index={"camera": np.zeros(len(seen.pixels), dtype=int)},
             evaluate=evaluate,
             used=used,
         )
@@ -179,19 +205,13 @@ def _refuse_moved(images: list[str], problem: Problem, solution: Solution) -> No
 
 
 def _closed(
-    sensor: Sensor,
-    outlines: Array,
-    pixels: Array,
-    covariance_px2: Array,
-    sigma_xyz_mm: float,
+    seen: _Seen,
     used: Mask,
     camera: Array,
 ) -> Array:
     """Return the camera held loosely near a start; raise MeasurementError where it is open."""
-    size = sizes(sensor, camera[0])
-    problem, solution = _adjust(
-        sensor, outlines, pixels, covariance_px2, sigma_xyz_mm, used, camera, _LOOSE * size
-    )
+    size = sizes(seen.sensor, camera[0])
+    problem, solution = _adjust(seen, used, camera, _LOOSE * size)
     known = camera_information(problem, solution.values) - np.diag((_LOOSE * size) ** -2.0)
     opened = open_directions(known, size)
     if opened:
@@ -203,11 +223,7 @@ def _closed(
 
 
 def _halves(
-    sensor: Sensor,
-    outlines: Array,
-    pixels: Array,
-    covariance_px2: Array,
-    sigma_xyz_mm: float,
+    seen: _Seen,
     used: Mask,
     camera: Array,
     sigma0: float,
@@ -222,7 +238,7 @@ def _halves(
     cameras, covariances = [], []
     for parity in range(2):
         half = used & (np.cumsum(used) % 2 == parity)
-        solution = _adjust(sensor, outlines, pixels, covariance_px2, sigma_xyz_mm, half, camera)[1]
+        solution = _adjust(seen, half, camera)[1]
         if solution.undetermined or not solution.converged:
             return None
         cameras.append(solution.values["camera"][0])
