@@ -16,7 +16,7 @@ from visualization_msgs.msg import Marker
 
 from omm_core.files.part import Part, Target
 from omm_core.geometry import RigidTransform
-from omm_core.machine.kinematics import Machine
+from omm_core.machine.kinematics import Kinematics
 from omm_core.machine.urdf import load_urdf
 from omm_operator.scene import link_frames, part_markers, place_covariance_mm2
 from omm_operator.screen.facts import EstimateFact
@@ -89,7 +89,7 @@ MACHINES = Path(get_package_share_directory("omm_cnc_bridge")) / "machines"
 def test_frames_of_the_links_end_in_the_pose_that_the_bridge_tells(name: str) -> None:
     """The links' frames are computed as the bridge's kinematics do it: shown for the tip itself."""
     path = MACHINES / f"{name}.urdf"
-    machine, robot = Machine.load(path), load_urdf(path)
+    machine, robot = Kinematics.load(path), load_urdf(path)
     si = {a.name: 0.3 if a.rotary else 0.2 for a in machine.axes}
     core = {a.name: si[a.name] * (1.0 if a.rotary else 1000.0) for a in machine.axes}
     frames = {f.child_frame_id: f for f in link_frames(robot, si, Time(), tip="")}
