@@ -22,6 +22,7 @@ from omm_core.errors import InputError, OmmError
 from omm_ros import node_help, transport
 from omm_ros.environment import check_environment
 from omm_ros.interrupt import Interrupts
+from omm_ros.leaving import end_process
 
 AUTOSTART = "autostart"
 END_WITH_PARENT = "OMM_END_WITH_PARENT"
@@ -62,6 +63,18 @@ def run_node(
     -------
     0 after a clean end, 1 when the node failed, 2 when its parameters cannot be used.
     """
+    status = _run(make, arguments, parameters=parameters, threads=threads, niceness=niceness)
+    return end_process(status)
+
+
+def _run(
+    make: Callable[[], Node],
+    arguments: list[str] | None,
+    *,
+    parameters: type,
+    threads: int,
+    niceness: int,
+) -> int:
     if node_help.asked(arguments):
         print(node_help.help_text(make.__doc__ or "", parameters), end="")
         return 0

@@ -6,6 +6,8 @@ from collections.abc import Callable
 
 from rclpy.node import Node
 
+from omm_ros.leaving import leave
+
 _LOOK_S = 0.1
 _TELL_S = 5.0
 
@@ -48,6 +50,7 @@ def while_preparing(
         thread.join(_LOOK_S)
         now_s = time.monotonic()
         if not node.context.ok():
+            leave(thread)
             raise KeyboardInterrupt
         if now_s - beaten_s > 1.0:
             beaten_s = now_s

@@ -74,3 +74,20 @@ def test_a_node_ends_cleanly_with_the_process_that_started_it_where_that_is_wish
         time.sleep(0.05)
     assert mark.read_text() == str(int(signal.SIGTERM))
     parent.stdout.close()
+
+
+def test_a_thread_that_is_left_is_not_waited_for_and_the_status_is_kept() -> None:
+    program = """
+import atexit, sys, threading, time
+from omm_ros.leaving import end_process, leave
+atexit.register(time.sleep, 60.0)  # as a compiler's library keeps Python's end
+thread = threading.Thread(target=time.sleep, args=(60.0,), daemon=True)
+thread.start()
+leave(thread)
+print("all is closed")
+sys.exit(end_process(3))
+"""
+    ended = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=40, check=False
+    )
+    assert (ended.returncode, ended.stdout, ended.stderr) == (3, "all is closed\n", "")

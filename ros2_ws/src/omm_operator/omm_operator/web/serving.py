@@ -15,6 +15,7 @@ import tornado.httpserver
 
 from omm_core.errors import InputError
 from omm_operator.screen.commands import LARGEST_BODY
+from omm_ros.leaving import leave
 
 END_S = 3.0
 _IDLE_S = 3600.0
@@ -109,6 +110,8 @@ class ServerThread:
         """End the server and its thread."""
         self.call(self._ended.set)
         self._thread.join(END_S)
+        if self._thread.is_alive():
+            leave(self._thread)
 
     def _run(self) -> None:
         asyncio.set_event_loop(self._loop)
