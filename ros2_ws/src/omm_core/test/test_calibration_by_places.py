@@ -218,3 +218,19 @@ def test_two_halves_agree_unless_something_moved():
     pixels[::2] += [0.3, 0.0]  # every second image is shifted: half of the set
     moved = calibrate(TRUTH, places, 6, pixels=pixels)
     assert any("halves" in words for words in moved.findings)
+
+
+def test_a_lens_term_that_the_model_lacks_is_named_with_its_size():
+    places = places_before(TRUTH)
+    good = calibrate(TRUTH, places, 6)
+    terms = {t["name"]: t for t in good.extra["further_terms"]}
+    assert all(abs(t["w"]) < 4.5 for t in terms.values())
+    assert not any("misses" in words for words in good.findings)
+    pixels = np.array([o.pixel for o in good.observations])
+    lens = SENSOR.lens(TRUTH)
+    # An affinity of 1e-4 takes away 1e-4 of the measured offset, to first order.
+    pixels[:, 0] -= 1e-4 * (pixels[:, 0] - lens.principal_point_px[0])
+    result = calibrate(TRUTH, places, 6, pixels=pixels)
+    affinity = next(t for t in result.extra["further_terms"] if t["name"] == "affinity")
+    assert affinity["value"] == pytest.approx(1e-4, abs=5 * affinity["sigma"] + 1e-5)
+    assert any("misses affinity" in words for words in result.findings)

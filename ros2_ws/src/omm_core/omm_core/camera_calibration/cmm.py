@@ -8,12 +8,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.adjustment import Block, Group, Problem, Solution, solve
 from omm_core.adjustment.problem import Values
+from omm_core.camera_calibration.cmm_start import best_start
+from omm_core.camera_calibration.further_terms import further_terms, words_of_missed
 from omm_core.camera_calibration.model import PARAMETERS, Sensor, project_with_derivatives
 from omm_core.camera_calibration.moving import moved_while_taken
 from omm_core.camera_calibration.openness import (
@@ -24,7 +27,7 @@ from omm_core.camera_calibration.openness import (
 )
 from omm_core.camera_calibration.result import CalibrationResult, Observation, require_determined
 from omm_core.camera_calibration.start import start_from_places
-from omm_core.camera_calibration.weeding import robust_inflation, weed
+from omm_core.camera_calibration.weeding import weed
 from omm_core.errors import MeasurementError
 from omm_core.imaging.circle import circle_points
 
@@ -35,7 +38,6 @@ Mask = NDArray[np.bool_]
 _LARGEST_HALVES = 34.5
 # Sizes (openness.py) within which a camera is held to its start until it is known to be closed.
 _LOOSE = 10.0
-_ROBUST_ROUNDS = 8
 # An image farther than this from where the robust start has it is not used to begin with.
 _ASTRAY_PX = 10.0
 
@@ -101,7 +103,7 @@ def calibrate_by_places(
         raise MeasurementError(f"Expected at least 8 images of the dot, got {n}. Take more.")
     outlines = circle_points(places, np.tile(normal, (n, 1)), np.full(n, dot_diameter_mm))
     starts = start_from_places(sensor, places, pixels)
-    camera = _best_start(sensor, outlines, pixels, starts if hint is None else [*starts, hint])
+    camera = best_start(sensor, outlines, pixels, starts if hint is None else [*starts, hint])
     used = _at_hand(sensor, camera, outlines, pixels)
     seen = _Seen(
         sensor=sensor,
@@ -122,6 +124,10 @@ def calibrate_by_places(
     camera = solution.values["camera"][0]
     require_determined(sensor, solution)
     halves = _halves(seen, used, camera, solution.sigma0)
+    terms = further_terms(sensor, camera, weeded.problem.blocks[0], solution)
+    extra: dict[str, Any] = {"further_terms": [t.to_json_dict() for t in terms]}
+    if halves is not None:
+        extra |= {"halves_chi2": halves, "halves_degrees_of_freedom": 13}
     return CalibrationResult(
         sensor=sensor,
         camera=camera,
@@ -141,8 +147,12 @@ def calibrate_by_places(
         images=int(used.sum()),
         covered_mm=_covered(sensor, camera, places),
         dots_mm=places,
-        findings=(*_findings(solution, used, images), *_contradiction(halves)),
-        extra={} if halves is None else {"halves_chi2": halves, "halves_degrees_of_freedom": 13},
+        findings=(
+            *_findings(solution, used, images),
+            *_contradiction(halves),
+            *words_of_missed(terms),
+        ),
+        extra=extra,
     )
 
 
@@ -258,57 +268,6 @@ def _contradiction(halves_chi2: float | None) -> tuple[str, ...]:
         f"square {halves_chi2:.0f} with 13 degrees of freedom): the lens model or the places are"
         " wrong, or something moved",
     )
-
-
-def _best_start(sensor: Sensor, outlines: Array, pixels: Array, starts: list[Array]) -> Array:
-    """Return the camera that fits best after a robust adjustment from each start."""
-    found: list[tuple[float, Array]] = []
-    held = np.zeros((1, 13), dtype=bool)
-    held[0, 3:7] = True
-    points = outlines.mean(axis=1, keepdims=True)
-    wide = np.tile(np.eye(2), (len(pixels), 1, 1))
-
-    def fitted(camera: Array, hold: Mask, inflation: Array) -> Solution:
-        block = Block(
-            name="pixels",
-            observed=pixels,
-            covariance=wide * inflation[:, None, None],
-            index={"camera": np.zeros(len(pixels), dtype=int)},
-            evaluate=evaluate,
-        )
-        group = Group(name="camera", values=camera[None], held=hold)
-        return solve(Problem(groups=(group,), blocks=(block,)), iterations=10)
-
-    def evaluate(values: Values) -> tuple[Array, dict[str, Array]]:
-        centres, by_camera, _ = project_with_derivatives(sensor, values["camera"][0], points)
-        return centres, {"camera": by_camera}
-
-    for start in starts:
-        predicted = project_with_derivatives(sensor, start, points)[0]
-        seen = np.isfinite(predicted).all(axis=1)
-        if not seen.all():
-            continue
-        camera = start
-        inflation, before = np.ones(len(pixels)), np.inf
-        for hold in (held, *[np.zeros_like(held)] * _ROBUST_ROUNDS):
-            solution = fitted(camera, hold, inflation)
-            camera = solution.values["camera"][0]
-            residuals = solution.residuals["pixels"]
-            away = np.linalg.norm(residuals, axis=1)
-            if hold is not held and (away.max() < 1.0 or np.median(away) > 0.98 * before):
-                break
-            before = np.inf if hold is held else float(np.median(away))
-            inflation = robust_inflation(residuals)
-        left = float(np.median(np.linalg.norm(solution.residuals["pixels"], axis=1)))
-        found.append((left, camera))
-        if left < 1.0:
-            break
-    if not found:
-        raise MeasurementError(
-            "Expected dots that a camera along the taper's axis can see, got a set that none fits. "
-            "Check the axes of the places (taper frame) and which image belongs to which place."
-        )
-    return min(found, key=lambda pair: pair[0])[1]
 
 
 def _covered(sensor: Sensor, camera: Array, places: Array) -> tuple[float, float]:

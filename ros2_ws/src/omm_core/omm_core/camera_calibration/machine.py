@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.adjustment import Problem, Solution, solve
+from omm_core.camera_calibration.further_terms import further_terms, words_of_missed
 from omm_core.camera_calibration.machine_run import PlateRun, plate_problem, plate_run
 from omm_core.camera_calibration.machine_start import start_from_run
 from omm_core.camera_calibration.model import PARAMETERS, Sensor
@@ -213,7 +214,13 @@ def _result(run: PlateRun, weeded: Weeded, assumed: dict[str, float]) -> Calibra
         dots_mm=in_taper,
         undetermined=tuple(name for name in PARAMETERS if name in assumed),
     )
-    return replace(result, findings=_findings(run, weeded, assumed))
+    block = next(b for b in weeded.problem.blocks if b.name == "pixels")
+    terms = further_terms(run.sensor, camera, block, solution)
+    return replace(
+        result,
+        findings=(*_findings(run, weeded, assumed), *words_of_missed(terms)),
+        extra={"further_terms": [t.to_json_dict() for t in terms]},
+    )
 
 
 def _refuse_moved(run: PlateRun, problem: Problem, solution: Solution) -> None:

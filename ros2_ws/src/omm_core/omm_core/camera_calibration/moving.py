@@ -12,6 +12,7 @@ what makes all residuals large.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,17 +60,18 @@ def moved_while_taken(
     score = np.einsum("mip,mi->mp", by_pose, weighted_residual)
     own = np.swapaxes(by_pose, 1, 2) @ weighted
     across = _across(block, solution, weighted)
+    taking_part = np.ones(len(image_of), dtype=bool) if block.used is None else block.used
+    later = _from_image_on(image_of, count)
+    after, scores = later(taking_part.astype(float)), later(score)
+    owns, mixes = later(own), later(across)
     best: Moved | None = None
     lowest = np.inf
-    taking_part = np.ones(len(image_of), dtype=bool) if block.used is None else block.used
     for first in range(1, count):
-        after = image_of >= first
-        if min((taking_part & after).sum(), (taking_part & ~after).sum()) < _LEAST_OBSERVATIONS:
+        if min(after[first], after[0] - after[first]) < _LEAST_OBSERVATIONS:
             continue
-        s = score[after].sum(axis=0)
-        mixed = across[after].sum(axis=0)
-        M = own[after].sum(axis=0) - mixed @ solution.covariance @ mixed.T
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(own[after].sum(axis=0)), 1e-300))
+        s, mixed = scores[first], mixes[first]
+        M = owns[first] - mixed @ solution.covariance @ mixed.T
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(owns[first]), 1e-300))
         step = scale * (
             np.linalg.pinv(M * np.outer(scale, scale), rcond=1e-9, hermitian=True) @ (scale * s)
         )
@@ -83,6 +85,17 @@ def moved_while_taken(
         if left < lowest:
             best, lowest = Moved(first=first, step=step, p_value=p_value), left
     return best if best is not None and best.p_value < _DOUBT else None
+
+
+def _from_image_on(image_of: Indices, count: int) -> Callable[[Array], Array]:
+    """Return what sums values of observations (m, …) over each image and all after it."""
+
+    def summed(values: Array) -> Array:
+        by_image = np.zeros((count, *values.shape[1:]))
+        np.add.at(by_image, image_of, values)
+        return np.asarray(np.cumsum(by_image[::-1], axis=0)[::-1])
+
+    return summed
 
 
 def _across(block: Block, solution: Solution, weighted: Array) -> Array:
