@@ -16,7 +16,8 @@ from scipy.stats import chi2
 
 from omm_core.survey.camera_model import evaluate_rays
 from omm_core.survey.datum import free_frame
-from omm_core.survey.network import STAGES, Network, NetworkState, adjusted
+from omm_core.survey.fitting import Fitting, adjusted
+from omm_core.survey.network import STAGES, Network, NetworkState
 from omm_core.survey.sighting import Bar, Sighting
 
 LENS = np.array([3010.0, 4.0, -3.0, -0.05, 0.02, 0.0, 1e-4, -5e-5, 1e-4, 2e-5])
@@ -97,16 +98,15 @@ def speed(photos: int, points: int) -> None:
     """Print how long one adjustment with rejection, noise and full covariance takes."""
     _, state, sightings, bars = network(np.random.default_rng(0), photos, points, 0.5)
     from omm_core.adjustment import solve
-    from omm_core.survey.network import _Fitting
 
-    fitting = _Fitting(state, tuple(sightings), bars, MIDDLE, 36.0)
+    fitting = Fitting(state, tuple(sightings), bars, MIDDLE, 36.0)
     values = {
         "lens": state.lens[None],
         "photos": np.array(list(state.photos.values())),
         "points": np.array(list(state.points.values())),
     }
     begin = time.process_time()
-    solution = solve(fitting._problem(values, STAGES[3]), undetermined=False)
+    solution = solve(fitting.problem(values, STAGES[3]), undetermined=False)
     one = time.process_time() - begin
     begin = time.process_time()
     adjusted(state, sightings, bars, MIDDLE, STAGES[3:])

@@ -7,8 +7,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from omm_core.errors import MeasurementError
-from omm_core.survey import Bar, Sighting, solve_network
+from omm_core.survey import Bar, Network, Sighting, solve_network
 from omm_core.survey.camera_model import evaluate_rays, turn_and_shift
+from omm_core.survey.misreading import misread_targets
+from omm_core.survey.words import findings_of
 
 LENS = np.array([3010.0, 4.0, -3.0, -0.05, 0.02, 0.0, 1e-4, -5e-5, 1e-4, 2e-5])
 SIZE = (3000, 2000)
@@ -99,6 +101,59 @@ def test_photographs_with_another_zoom_are_named_and_left_out() -> None:
     assert set(network.left_out_photos) == set(range(12, 18))
     assert all("zoom" in why for why in network.left_out_photos.values())
     assert network.lens[0] == pytest.approx(3010.0, abs=2.0)
+
+
+def distances(network: Network, clean: Network) -> np.ndarray:
+    """How far points lie from where the clean network has them, in its frame."""
+    there, wanted = network.solution.values["points"], clean.solution.values["points"]
+    turn, _ = Rotation.align_vectors(wanted - wanted.mean(0), there - there.mean(0))
+    return np.abs(turn.apply(there - there.mean(0)) - (wanted - wanted.mean(0)))
+
+
+def test_a_zoom_touched_by_a_thousandth_is_found_whichever_photographs_it_is_in() -> None:
+    points, sightings = photographs(np.random.default_rng(16))
+    middle = (np.array(SIZE) - 1) / 2
+    zoomed = [
+        replace(s, center_px=middle + 1.001 * (s.center_px - middle)) if 5 <= s.photo < 9 else s
+        for s in sightings
+    ]
+    network = solve_network(zoomed, bars_of(points), 3010.0, SIZE)
+    assert set(network.left_out_photos) == {5, 6, 7, 8}
+    assert all("zoom" in why for why in network.left_out_photos.values())
+
+
+def test_five_percent_of_blunders_of_any_size_change_no_point_by_more_than_its_sigma() -> None:
+    points, sightings = photographs(np.random.default_rng(17))
+    clean = solve_network(sightings, bars_of(points), 3010.0, SIZE)
+    sigma = np.sqrt(np.diag(clean.solution.covariance_of("points"))).reshape(-1, 3)
+    rng = np.random.default_rng(18)
+    bad = rng.random(len(sightings)) < 0.05
+    size_px = 10.0 ** rng.uniform(-0.5, 2.0, len(sightings))
+    spoilt = [
+        replace(s, center_px=s.center_px + size * rng.normal(size=2)) if b else s
+        for s, b, size in zip(sightings, bad, size_px, strict=True)
+    ]
+    network = solve_network(spoilt, bars_of(points), 3010.0, SIZE)
+    assert set(network.points) == set(clean.points)
+    assert np.sum(~network.used & ~bad) <= 3  # of 360, at 4 sigma
+    assert (distances(network, clean) < sigma).all()
+
+
+def test_numbers_swapped_in_three_photographs_are_named_and_harm_nothing() -> None:
+    points, sightings = photographs(np.random.default_rng(19))
+    clean = solve_network(sightings, bars_of(points), 3010.0, SIZE)
+    other = {7: 9, 9: 7}
+    swapped = [
+        replace(s, point=other.get(s.point, s.point)) if s.photo < 3 else s for s in sightings
+    ]
+    network = solve_network(swapped, bars_of(points), 3010.0, SIZE)
+    assert {(r.photo, r.read, r.is_target) for r in misread_targets(network)} == {
+        (photo, *pair) for photo in range(3) for pair in ((7, 9), (9, 7))
+    }
+    sigma = np.sqrt(np.diag(clean.solution.covariance_of("points"))).reshape(-1, 3)
+    assert (distances(network, clean) < sigma).all()
+    told = findings_of(network, lambda n: f"photo {n}", 3010.0)
+    assert any("photo 1" in words and "7" in words and "swapped" in words for words in told)
 
 
 def test_without_a_measured_bar_there_is_no_scale() -> None:

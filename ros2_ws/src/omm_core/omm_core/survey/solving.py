@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -10,19 +11,27 @@ from numpy.typing import NDArray
 from omm_core.errors import MeasurementError
 from omm_core.survey.bars import agreeing_bars
 from omm_core.survey.camera_model import project, undistorted
+from omm_core.survey.fitting import adjusted
 from omm_core.survey.matching import match_dots, placed
 from omm_core.survey.network import (
     REJECTION,
     Network,
     NetworkState,
-    adjusted,
     stages_for,
     state_of,
 )
+from omm_core.survey.noise import Noise
 from omm_core.survey.recovering import recovered
 from omm_core.survey.sighting import CODED, PLAIN, Bar, Sighting, sighting_of_dot
-from omm_core.survey.start import Rays, intersect_points, resect_photos, start_network
-from omm_core.survey.weeding import Misfits, misfits_of, zoomed_photos
+from omm_core.survey.start import (
+    FITS_AT_FIRST_PX,
+    Rays,
+    intersect_points,
+    resect_photos,
+    start_network,
+)
+from omm_core.survey.weeding import Misfits, misfits_of
+from omm_core.survey.zooming import zoomed_photos
 from omm_core.targets.plain import PlainDot
 
 Array = NDArray[np.float64]
@@ -34,6 +43,8 @@ _ANGLE_RAD = 0.02  # between rays, once the lens is known
 _WEEDINGS = 8
 _FOCAL_TRIED = (1.0, 0.8, 1.25, 0.65, 1.5)
 _GOOD_PX, _USABLE_PX = 0.3, 3.0  # rms of a start
+_FEWEST_ZOOMS = 6  # photographs whose focal lengths can be compared
+_TRIES = 3  # to place a photograph or a point
 _GOOD_SHARE = 0.5  # of the photographs
 _LOOSE = (
     "The photographs do not hang together: expected each to show four targets or more that others"
@@ -69,7 +80,7 @@ def solve_network(
     middle = (np.array(size_px) - 1.0) / 2.0
     declared = diameters_mm or {}
     network = _started(sightings, bars, focal_length_px, middle, declared)
-    zoomed = zoomed_photos(network)
+    zoomed = _zoomed(network, sightings, declared)
     if zoomed:
         sightings = [s for s in sightings if s.photo not in zoomed]
         network = _started(sightings, bars, float(network.lens[0]), middle, declared)
@@ -88,6 +99,24 @@ def solve_network(
     except np.linalg.LinAlgError:
         raise MeasurementError(_LOOSE) from None
     return replace(network, words=(*words, *network.words))
+
+
+def _zoomed(
+    network: Network, sightings: list[Sighting], declared: dict[str, float]
+) -> dict[int, str]:
+    """Return photographs with another focal length than most, and why that is thought."""
+    state = replace(state_of(network, declared), noise=Noise())
+    rays, pixel = _rays(sightings, state.lens, network.middle_px), float(1.0 / state.lens[0])
+    # Also those which one focal length for all has thrown out.
+    resect_photos(rays, state.photos, state.points, pixel, FITS_AT_FIRST_PX)
+    if len(state.photos) < _FEWEST_ZOOMS:
+        return {}
+    stage = stages_for(len(state.photos))[-1:]
+    try:
+        free = adjusted(state, sightings, [], network.middle_px, stage, zooms=True)
+    except np.linalg.LinAlgError:
+        return {}
+    return zoomed_photos(free, 1 + max(s.photo for s in sightings))
 
 
 def _without(
@@ -152,6 +181,7 @@ def _weeded(
     for _ in range(_WEEDINGS):
         stages = stages_for(len(state.photos))[-1:]
         network = adjusted(state, sightings, bars, network.middle_px, stages, REJECTION)
+        out = out.with_(Misfits(points=network.left_out_points, photos=network.left_out_photos))
         more = misfits_of(network)
         if not more:
             break
@@ -187,27 +217,30 @@ def _coded_network(
         NetworkState(lens=lens, photos=photos, points=points, declared_mm=declared), bars
     )
     network = adjusted(state, sightings, [], middle, stages_for(len(photos)))
-    tried = (set(network.photos), set(network.points))
+    tries: Counter[tuple[str, int]] = Counter()
     while True:
-        state = _extended(_scaled(state_of(network, declared), bars), sightings, middle, tried)
-        if set(state.photos) <= tried[0] and set(state.points) <= tried[1]:
+        given_up = {what for what, count in tries.items() if count >= _TRIES}
+        state = _extended(_scaled(state_of(network, declared), bars), sightings, middle, given_up)
+        new = {("photo", n) for n in state.photos.keys() - network.photos.keys()}
+        new |= {("point", n) for n in state.points.keys() - network.points.keys()}
+        if not new:
             break
-        tried[0].update(state.photos)
-        tried[1].update(state.points)
+        tries.update(new)
         network = adjusted(state, sightings, [], middle, stages_for(len(state.photos))[-1:])
     return network
 
 
 def _extended(
-    state: NetworkState, sightings: list[Sighting], middle: Array, tried: tuple[set[int], set[int]]
+    state: NetworkState, sightings: list[Sighting], middle: Array, given_up: set[tuple[str, int]]
 ) -> NetworkState:
     """Return the state with more photographs or, where there are none, with more points."""
     photos, points = dict(state.photos), dict(state.points)
     rays, pixel = _rays(sightings, state.lens, middle), float(1.0 / state.lens[0])
-    resect_photos({n: r for n, r in rays.items() if n not in tried[0]}, photos, points, pixel)
+    wanted = {n: r for n, r in rays.items() if ("photo", n) not in given_up}
+    resect_photos(wanted, photos, points, pixel)
     if len(photos) == len(state.photos):
         intersect_points(rays, photos, points, pixel, _ANGLE_RAD)
-        new = {p: x for p, x in points.items() if p not in tried[1]}
+        new = {p: x for p, x in points.items() if p in state.points or ("point", p) not in given_up}
         points = {**state.points, **_seen_by(2, new, photos, sightings)}
     return replace(state, photos=photos, points=points)
 

@@ -21,6 +21,11 @@ _ENOUGH_PHOTOS = 4
 _FLAT = 0.1
 _PAIRS_TRIED = 60
 _FIRST_ANGLE_RAD = 0.09
+FEWEST_RAYS = 3
+_MEETS_PX, _MOST_MEET = 40.0, 0.6  # rays to a point meet: how near, and how many of them
+FEWEST_RAYS = 3
+_MEETS_PX, _MOST_MEET = 40.0, 0.6  # rays to a point meet: how near, and how many of them
+FITS_AT_FIRST_PX, _FITS_PX = 15.0, 5.0  # of a ray from where its point would be
 
 
 def start_network(rays: Rays, pixel: float) -> tuple[dict[int, Array], dict[int, Array]]:
@@ -54,10 +59,14 @@ def _extend(
 
 
 def resect_photos(
-    rays: Rays, photos: dict[int, Array], points: dict[int, Array], pixel: float
+    rays: Rays,
+    photos: dict[int, Array],
+    points: dict[int, Array],
+    pixel: float,
+    fits_px: float = _FITS_PX,
 ) -> None:
-    """Locate the photographs that see enough of the points, in place."""
-    while _resect_next(rays, photos, points, pixel, FEWEST_TO_RESECT):
+    """Locate the photographs that see enough of the points, in place; the lens is known."""
+    while _resect_next(rays, photos, points, pixel, FEWEST_TO_RESECT, fits_px):
         pass
 
 
@@ -105,7 +114,12 @@ def _unit(vectors: Array) -> Array:
 
 
 def _resect_next(
-    rays: Rays, photos: dict[int, Array], points: dict[int, Array], pixel: float, fewest: int
+    rays: Rays,
+    photos: dict[int, Array],
+    points: dict[int, Array],
+    pixel: float,
+    fewest: int,
+    fits_px: float = FITS_AT_FIRST_PX,
 ) -> bool:
     """Locate the photograph that sees most of the known points; False when none is left."""
     import cv2
@@ -118,13 +132,17 @@ def _resect_next(
         places = np.array([points[p] for p in common])
         seen = np.array([rays[i][p] for p in common])
         found, turn, shift, inliers = cv2.solvePnPRansac(
-            places, seen, np.eye(3), None, reprojectionError=15 * pixel,
+            places, seen, np.eye(3), None, reprojectionError=fits_px * pixel,
             iterationsCount=300, flags=cv2.SOLVEPNP_SQPNP,
         )  # fmt: skip
         if not found or inliers is None or len(inliers) < max(4, 0.6 * count):
             continue
         inside = inliers.ravel()
         turn, shift = _best_pose(places[inside], seen[inside], (turn, shift))
+        off = cv2.projectPoints(places[inside], turn, shift, np.eye(3), None)[0][:, 0]
+        # Four points are placed somehow whatever they are.
+        if np.sqrt(np.mean((off - seen[inside]) ** 2)) > fits_px * pixel:
+            continue
         rotation = Rotation.from_rotvec(turn.ravel())
         photos[i] = np.r_[turn.ravel(), -rotation.inv().apply(shift.ravel())]
         return True
@@ -164,17 +182,31 @@ def intersect_points(
             continue
         turns = Rotation.from_rotvec([photos[i][:3] for i in seen])
         places = np.array([photos[i][3:] for i in seen])
-        looks = turns.inv().apply([np.r_[rays[i][point], 1.0] for i in seen])
-        looks = _unit(looks)
+        seen_at = np.array([rays[i][point] for i in seen])
+        looks = _unit(turns.inv().apply(np.column_stack([seen_at, np.ones(len(seen_at))])))
         across = np.eye(3) - looks[:, :, None] * looks[:, None, :]
-        normal = across.sum(axis=0)
-        if np.linalg.eigvalsh(normal)[0] < 0.25 * angle_rad**2 * len(seen):
+        if np.linalg.eigvalsh(across.sum(axis=0))[0] < 0.25 * angle_rad**2 * len(seen):
             continue
-        place = np.linalg.solve(normal, np.einsum("nij,nj->i", across, places))
-        inside = turns.apply(place - places)
-        errors = inside[:, :2] / inside[:, 2:] - [rays[i][point] for i in seen]
-        good = (inside[:, 2] > 0) & (np.abs(errors).max(axis=1) < 40 * pixel)
-        if good.all() or good.sum() >= max(3, 0.7 * len(seen)):
+        place = _meeting(turns, places, across, seen_at, _MEETS_PX * pixel)
+        if place is not None:
             points[point] = place
         else:
             points.pop(point, None)
+
+
+def _meeting(
+    turns: Rotation, places: Array, across: Array, seen_at: Array, near: float
+) -> Array | None:
+    """Return where most of the rays to a point meet, the worst left out; None where they do not."""
+    kept = np.arange(len(places))
+    fewest = min(len(places), max(FEWEST_RAYS, int(np.ceil(_MOST_MEET * len(places)))))
+    while len(kept) >= fewest:
+        normal = across[kept].sum(axis=0)
+        place = np.linalg.solve(normal, np.einsum("nij,nj->i", across[kept], places[kept]))
+        inside = turns.apply(place - places)[kept]
+        errors = np.abs(inside[:, :2] / inside[:, 2:] - seen_at[kept]).max(axis=1)
+        errors[inside[:, 2] <= 0] = np.inf
+        if errors.max() < near:
+            return np.asarray(place)
+        kept = np.delete(kept, int(np.argmax(errors)))
+    return None

@@ -13,20 +13,24 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from omm_core.survey.camera_model import evaluate_rays, undistorted
-from omm_core.survey.network import FEWEST_IN_PHOTO, FEWEST_RAYS, REJECTION, Network
+from omm_core.survey.camera_model import undistorted
+from omm_core.survey.misreading import misread_targets
+from omm_core.survey.network import (
+    BAD_SHARE,
+    CONTRADICTS,
+    FEWEST_IN_PHOTO,
+    FEWEST_RAYS,
+    REJECTION,
+    Network,
+)
 
 Array = NDArray[np.float64]
 
 _MOVED_SIGMAS = 5.0
-_ZOOM_SIGMAS, _OWN_SIGMAS = 8.0, 4.0
-_ZOOM_LEAST = 1e-4  # of the focal length
 _FAR_SIGMAS, _FAR_PX = 12.0, 0.25
+_TWO_SHARE = 0.25  # of a point's rays: so many at least, where only two agree
 _MOST = 0.6  # of the rejected rays
 _AGREES_PX = 0.05
-_ZOOM_OF_ONE = 0.005
-_ZOOM_APART = 4.0  # distance of two groups by the scatter within them
-_BAD_SHARE = 0.4  # of a photograph's rays
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,8 +60,7 @@ def _contradicting_points(network: Network) -> dict[int, str]:
     bad = network.used & (network.t2 > REJECTION)
     rays = network.ray_counts()
     numbers = {s.point for s, out in zip(network.sightings, bad, strict=True) if out}
-    why = "its rays contradict each other and there are too few to tell which is wrong"
-    return {n: why for n in sorted(numbers) if rays[n] <= FEWEST_RAYS}
+    return {n: CONTRADICTS for n in sorted(numbers) if rays[n] <= FEWEST_RAYS}
 
 
 def _contradicting_photos(network: Network, without: set[int]) -> dict[int, str]:
@@ -71,7 +74,7 @@ def _contradicting_photos(network: Network, without: set[int]) -> dict[int, str]
     for photo, count in every.items():
         out = count - used[photo]
         few = bad[photo] and used[photo] <= FEWEST_IN_PHOTO
-        if few or (out >= 3 and out > _BAD_SHARE * count):
+        if few or (out >= 3 and out > BAD_SHARE * count):
             reasons[photo] = f"{out + bad[photo]} of its {count} rays contradict the others"
     return reasons
 
@@ -85,14 +88,18 @@ def _moved(network: Network) -> dict[int, str]:
     sigma = np.sqrt(np.einsum("mii->m", covariance) / 2.0)
     # Two rays that are off by a little always meet somewhere near.
     far = ~network.used & (away > np.maximum(_FAR_SIGMAS * sigma, _FAR_PX))
+    misread = {(m.photo, m.read) for m in misread_targets(network)}
     for i in np.flatnonzero(far):
+        if (network.sightings[i].photo, network.sightings[i].point) in misread:
+            continue
         out.setdefault(network.sightings[i].point, []).append(int(i))
     moved = {}
     for point, rays in out.items():
         if len(rays) < 2:
             continue
         meeting = _meeting(network, rays)
-        if meeting is not None:
+        # Two rays that are off for reasons of their own now and then meet by chance.
+        if meeting is not None and (meeting[1] > 2 or _TWO_SHARE * network.rays_of(point) <= 2):
             place, count = meeting
             by = float(np.linalg.norm(place - network.xyz_mm(point)))
             moved[point] = (
@@ -138,71 +145,3 @@ def _intersection(network: Network, rays: list[int]) -> tuple[Array, Array] | No
     t2 = np.einsum("mi,mij,mj->m", off, np.linalg.inv(covariance), off)
     # Perspective is not taken off here: a few hundredths of a pixel are no contradiction.
     return place, np.minimum(t2 / _MOVED_SIGMAS**2, np.linalg.norm(off, axis=1) / _AGREES_PX)
-
-
-def zoomed_photos(network: Network) -> dict[int, str]:
-    """Return photographs that were taken with another focal length than most, and by how much.
-
-    Of each photograph a scale of its picture is estimated beside its pose; two groups that are far
-    apart mean that zoom or focus were touched.
-    """
-    scales, sigmas = _own_scales(network)
-    numbers = np.array(list(network.photos))
-    known = np.isfinite(scales) & (sigmas > 0)
-    if known.sum() < 6:
-        return {}
-    # What a photograph hardly tells of its scale says nothing of the others'.
-    known &= sigmas < 5.0 * np.median(sigmas[known])
-    s, numbers, sigmas = scales[known], numbers[known], sigmas[known]
-    order = np.argsort(s)
-    gaps = np.diff(s[order])
-    cut = 1 + int(np.argmax(gaps))
-    groups = (order[:cut], order[cut:])
-    apart = float(np.median(s[groups[1]]) - np.median(s[groups[0]]))
-    scatter = np.concatenate([s[g] - np.median(s[g]) for g in groups])
-    within = 1.4826 * float(np.median(np.abs(scatter)))
-    limit = max(_ZOOM_LEAST, _ZOOM_SIGMAS * float(np.median(sigmas)), _ZOOM_APART * within)
-    fewer, more = sorted(groups, key=len)
-    # One photograph alone may be off by a blunder that no test has found yet.
-    if apart < limit or (len(fewer) < 2 and apart < _ZOOM_OF_ONE):
-        return {}
-    away = np.abs(s[fewer] - np.median(s[more]))
-    fewer = fewer[away > _OWN_SIGMAS * sigmas[fewer]]
-    if not len(fewer):
-        return {}
-    sign = 1.0 if np.median(s[fewer]) > np.median(s[more]) else -1.0
-    return {
-        int(numbers[i]): (
-            f"it was taken with a focal length {sign * apart:+.2%} different from most others'"
-            " (zoom or focus was touched)"
-        )
-        for i in fewer
-    }
-
-
-def _own_scales(network: Network) -> tuple[Array, Array]:
-    """Return for each photograph ln(own focal length / common one) and its sigma."""
-    photo = np.array([network.photos[s.photo] for s in network.sightings])
-    point = np.array([network.points[s.point] for s in network.sightings])
-    values = network.solution.values
-    slopes = evaluate_rays(values, photo, point, network.middle_px)[1]
-    residuals = network.solution.residuals["rays"]
-    detector = np.array([s.covariance_px2 for s in network.sightings])
-    covariance = network.noise.covariance(detector, network.kinds)
-    weight = 1.0 / np.sqrt(np.einsum("mii->m", covariance) / 2.0)
-    scales, sigmas = np.full(len(network.photos), np.nan), np.full(len(network.photos), np.nan)
-    for row in range(len(network.photos)):
-        rays = np.flatnonzero((photo == row) & network.used)
-        if len(rays) < 6:
-            continue
-        own = slopes["lens"][rays, :, :1] * network.lens[0]
-        design = np.concatenate([slopes["photos"][rays], own], axis=2)
-        design = (design * weight[rays, None, None]).reshape(-1, 7)
-        rest = (residuals[rays] * weight[rays, None]).ravel()
-        unit = 1.0 / np.linalg.norm(design, axis=0)
-        step, _, rank, _ = np.linalg.lstsq(design * unit, rest, rcond=1e-10)
-        if rank == 7:
-            inverse = np.linalg.inv((design * unit).T @ (design * unit))
-            scales[row] = step[6] * unit[6]
-            sigmas[row] = np.sqrt(inverse[6, 6]) * unit[6]
-    return scales, sigmas

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from omm_core.survey.misreading import misread_targets, misreading_words
 from omm_core.survey.network import FEWEST_RAYS, Network
 
 Array = NDArray[np.float64]
@@ -31,6 +32,7 @@ def findings_of(
         *network.words,
         *gone,
         *_bars(network),
+        *_misread(network, photo_name),
         *_suspects(network, photo_name),
         *_few_rays(network),
         *_weak_angles(network),
@@ -53,6 +55,11 @@ def _bars(network: Network) -> list[str]:
                 f" its length, which is declared to {bar.sigma_mm:g} mm."
             )
     return words
+
+
+def _misread(network: Network, photo_name: Callable[[int], str]) -> list[str]:
+    found = misread_targets(network)
+    return misreading_words(found, {m.photo: photo_name(m.photo) for m in found})
 
 
 def _suspects(network: Network, photo_name: Callable[[int], str]) -> list[str]:
@@ -163,5 +170,9 @@ def photo_reasons(count: int, network: Network, known: Mapping[int, str]) -> dic
     reasons = {**network.left_out_photos, **known}
     for number in range(count):
         if number not in network.photos:
-            reasons.setdefault(number, "too few targets in common with the rest of the network")
+            reasons.setdefault(
+                number,
+                "it shows too few targets of the rest of the network, or they do not lie as in"
+                " the other photographs (another scene, numbers read wrong, another zoom)",
+            )
     return reasons

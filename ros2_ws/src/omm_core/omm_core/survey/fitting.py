@@ -1,0 +1,387 @@
+"""The adjustment of a network in stages: blunders found, noise, normals and diameters estimated.
+
+Many blunders at once hide behind each other in least squares. Where the first solution shows any,
+weights that fall with the residual (Geman and McClure 1987), from far to near (Blake and Zisserman
+1987), find them; these weights then go, and the ordinary tests decide, which also bring back what
+was suspected wrongly.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omm_core.adjustment import (
+    Block,
+    Group,
+    Problem,
+    rigid_directions,
+    similarity_directions,
+    solve,
+)
+from omm_core.adjustment import test_observations as w_tests
+from omm_core.survey.camera_model import PARAMETERS, evaluate_rays, turn_and_shift
+from omm_core.survey.circles import circles_of, eccentricities
+from omm_core.survey.network import (
+    BAD_SHARE,
+    CONTRADICTS,
+    FEWEST_IN_PHOTO,
+    FEWEST_RAYS,
+    Network,
+    NetworkState,
+    detector_covariances,
+)
+from omm_core.survey.noise import estimated
+from omm_core.survey.sighting import CODED, PLAIN, Bar, Sighting
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+Values = dict[str, Array]
+
+_ROUNDS = 25
+_MEDIAN = 1.386  # of chi-square with two degrees of freedom
+_ROBUST_ROUNDS, _ROBUST_STEPS = 25, 3
+_KNEE, _FALL = 3.0, 0.5  # sigmas where a weight begins to fall, in the end; how it gets there
+_FAR_PX = 60.0  # from where a ray should be, at the start
+_MOST_DOUBT, _FAR = 1e4, 10.0  # times the variance; times the knee: does not take part
+_FEWEST_GOOD = 3  # rays of a photograph, below which it is left out at once
+_BACK = 1.0  # of the rejection: what is better than that comes back, once
+ZOOM_SIGMA = 0.03  # of the focal length, a priori, where each photograph may have its own
+
+
+def adjusted(
+    state: NetworkState,
+    sightings: list[Sighting],
+    bars: list[Bar],
+    middle_px: Array,
+    stages: tuple[tuple[int, ...], ...],
+    rejection: float = 36.0,
+    zooms: bool = False,
+) -> Network:
+    """Adjust what the state knows the places of; leave out what the tests reject.
+
+    Parameters
+    ----------
+    stages : tuple
+        Columns of the lens that are freed, stage after stage.
+    rejection : float
+        Test value of a ray from which on it is left out: its sigmas, squared.
+    zooms : bool
+        Whether each photograph may have a focal length of its own (group ``zooms``: its logarithm
+        over the common one).
+    """
+    photos: dict[int, str] = {}
+    points: dict[int, str] = {}
+    while True:
+        kept = _tied(state, sightings)
+        seen = {s.point for s in kept}
+        there = [b for b in bars if set(b.ends) <= seen]
+        fitting = Fitting(state, kept, there, middle_px, rejection, zooms=zooms)
+        try:
+            network = fitting.solved(stages)
+        except _HopelessError as hopeless:
+            points |= hopeless.points
+            photos |= hopeless.photos
+            state = hopeless.rest_of(state)
+            continue
+        return replace(network, left_out_photos=photos, left_out_points=points)
+
+
+class _HopelessError(Exception):
+    """Photographs and points of which nearly everything contradicts the others."""
+
+    def __init__(self, fitting: Fitting, values: Values, good: NDArray[np.bool_]) -> None:
+        super().__init__()
+        self.fitting, self.values = fitting, values
+        numbers = list(fitting.photos)
+        fit, of = (np.bincount(fitting.photo, weights=w) for w in (good, np.ones(len(good))))
+        bad = np.flatnonzero(fit < np.maximum(_FEWEST_GOOD, (1.0 - BAD_SHARE) * of))
+        bad = bad[np.argsort(fit[bad] / of[bad])][: 1 + len(numbers) // 10]  # the worst first
+        self.photos = {
+            numbers[row]: f"{int(of[row] - fit[row])} of its {int(of[row])} rays contradict the"
+            " others"
+            for row in bad
+        }
+        # What only such a photograph spoils is judged again without it.
+        self.points = {} if self.photos else _hopeless_points(fitting, good)
+
+    def __bool__(self) -> bool:
+        return bool(self.photos or self.points)
+
+    def rest_of(self, state: NetworkState) -> NetworkState:
+        """Return the state without them, as far as the adjustment came."""
+        values, fitting = self.values, self.fitting
+        photos = {n: values["photos"][row] for n, row in fitting.photos.items()}
+        points = {n: values["points"][row] for n, row in fitting.points.items()}
+        return replace(
+            state,
+            lens=values["lens"][0],
+            photos={n: pose for n, pose in photos.items() if n not in self.photos},
+            points={n: xyz for n, xyz in points.items() if n not in self.points},
+        )
+
+
+def _hopeless_points(fitting: Fitting, good: NDArray[np.bool_]) -> dict[int, str]:
+    numbers = list(fitting.points)
+    fit, of = (np.bincount(fitting.point, weights=w) for w in (good, np.ones(len(good))))
+    return {numbers[row]: CONTRADICTS for row in np.flatnonzero((fit < of) & (fit < FEWEST_RAYS))}
+
+
+def _tied(state: NetworkState, sightings: list[Sighting]) -> tuple[Sighting, ...]:
+    """Return the rays whose photograph and point have enough others to be placed by."""
+    kept = [s for s in sightings if s.photo in state.photos and s.point in state.points]
+    while True:
+        of_photo = Counter(s.photo for s in kept)
+        of_point = Counter(s.point for s in kept)
+        fewer = [s for s in kept if of_photo[s.photo] >= FEWEST_IN_PHOTO and of_point[s.point] >= 2]
+        if len(fewer) == len(kept):
+            return tuple(kept)
+        kept = fewer
+
+
+class Fitting:
+    """The adjustment in stages."""
+
+    def __init__(
+        self,
+        state: NetworkState,
+        sightings: tuple[Sighting, ...],
+        bars: list[Bar],
+        middle: Array,
+        rejection: float,
+        *,
+        zooms: bool = False,
+    ) -> None:
+        self.rejection, self.zooms = rejection, zooms
+        self.state, self.sightings, self.bars, self.middle = state, sightings, bars, middle
+        self.photos = {n: row for row, n in enumerate(sorted({s.photo for s in sightings}))}
+        self.points = {n: row for row, n in enumerate(sorted({s.point for s in sightings}))}
+        self.photo = np.array([self.photos[s.photo] for s in sightings])
+        self.point = np.array([self.points[s.point] for s in sightings])
+        self.kinds = np.array([s.kind for s in sightings])
+        self.seen = np.array([s.center_px for s in sightings])
+        self.detector = detector_covariances(sightings)
+        self.shift = np.zeros_like(self.seen)
+        self.used = np.ones(len(sightings), dtype=bool)
+        self.returned = np.zeros(len(sightings), dtype=bool)
+        self.doubt = np.ones(len(sightings))  # times the variance
+        self.noise = state.noise
+        self.circles, self.diameters = dict(state.circles), dict(state.diameters_mm)
+
+    def solved(self, stages: tuple[tuple[int, ...], ...]) -> Network:
+        """Free the calibration in stages, reject, and estimate the noise of the rays."""
+        values: Values = {
+            "lens": self.state.lens[None].copy(),
+            "photos": np.array([self.state.photos[n] for n in self.photos]),
+            "points": np.array([self.state.points[n] for n in self.points]),
+            "zooms": np.zeros((len(self.photos), 1)),
+        }
+        self._leave_out_far(values)
+        for stage in stages:
+            last = stage == stages[-1]
+            values = self._search(values, stage, last=last)
+            for turn in range(_ROUNDS):
+                if self.circles:
+                    self._correct(values)
+                problem = self._problem(values, stage)
+                solution = solve(problem, undetermined=False)
+                values = dict(solution.values)
+                tests = w_tests(problem, solution)["rays"]
+                out = self._reject(tests.t2)
+                out |= last and self._bring_back(solution.residuals["rays"], tests.redundancy)
+                change = self._learn(solution.residuals["rays"], tests.redundancy)
+                if not out and change < 0.02 and (not last or turn >= 1):
+                    break
+                if last:
+                    self._look(values)
+        return Network(
+            photos=self.photos, points=self.points, solution=solution, noise=self.noise,
+            sightings=self.sightings, used=self.used, bars=tuple(self.bars),
+            middle_px=self.middle, t2=tests.t2, diameters_mm=self.diameters,
+            circles={n: self.circles[n] for n in self.points if n in self.circles},
+        )  # fmt: skip
+
+    def problem(self, values: Values, stage: tuple[int, ...]) -> Problem:
+        """Return what is adjusted at given values."""
+        return self._problem(values, stage)
+
+    def _search(self, values: Values, stage: tuple[int, ...], *, last: bool) -> Values:
+        """Find blunders by robust weights, where there are any; return where that ends."""
+        problem = self._problem(values, stage)
+        solution = solve(problem, undetermined=False)
+        t2 = w_tests(problem, solution)["rays"].t2
+        self.used[:] = True  # what only a held lens could not explain comes back
+        if t2.max() <= self.rejection * max(float(np.median(t2)) / _MEDIAN, 1.0):
+            return dict(solution.values)
+        values, knee = dict(solution.values), np.inf
+        inverse = np.linalg.inv(self.noise.covariance(self.detector, self.kinds))
+        for _ in range(_ROBUST_ROUNDS):
+            rest = solution.residuals["rays"]
+            t2 = np.einsum("mi,mij,mj->m", rest, inverse, rest)
+            scale = float(np.sqrt(np.median(t2) / _MEDIAN))
+            # From the largest residual down: at once, what one blunder bent would be doubted.
+            before, knee = knee, max(_KNEE * scale, _FALL * min(knee, float(np.sqrt(t2.max()))))
+            if knee > 0.95 * before:
+                break
+            self.doubt = np.minimum((1.0 + t2 / knee**2) ** 2, _MOST_DOUBT)
+            self.used[:] = True
+            self._leave_out(np.flatnonzero(t2 > (_FAR * knee) ** 2), t2)
+            problem = self._problem(values, stage)
+            try:
+                solution = solve(problem, iterations=_ROBUST_STEPS, undetermined=False)
+            except np.linalg.LinAlgError:  # too little is believed to place all: judge by the last
+                break
+            values = dict(solution.values)
+        self.doubt[:] = 1.0
+        self.used[:] = True
+        good = t2 <= self.rejection * scale**2
+        hopeless = _HopelessError(self, values, good)
+        if hopeless and last:
+            raise hopeless
+        self._leave_out(np.flatnonzero(~good), t2)
+        return values
+
+    def _leave_out_far(self, values: Values) -> None:
+        """Leave out what no pose or lens explains, so that it bends nothing to begin with."""
+        away = np.linalg.norm(self.seen - self._evaluated(values)[0], axis=1)
+        self._leave_out(np.flatnonzero(away > max(_FAR_PX, _FAR * np.median(away))), away)
+
+    def _leave_out(self, rays: Index, t2: Array) -> None:
+        """Leave out rays, the worst first, as far as their photographs and points can spare."""
+        for ray in rays[np.argsort(-t2[rays])]:
+            if self._can_spare(ray):
+                self.used[ray] = False
+
+    def _bring_back(self, residuals: Array, redundancy: Array) -> bool:
+        """Take rays again that fit what the others say of them; True if there was one."""
+        now = self.noise.covariance(self.detector, self.kinds)
+        variance = np.einsum("mii->mi", now) * (2.0 - redundancy)  # its own and the prediction's
+        fits = (residuals**2 / variance).sum(axis=1) < _BACK * self.rejection
+        back = ~self.used & ~self.returned & fits
+        self.used |= back
+        self.returned |= back
+        return bool(back.any())
+
+    def _learn(self, residuals: Array, redundancy: Array) -> float:
+        """Estimate the noise anew; return by how much its standard deviation changed."""
+        before = self.noise
+        self.noise = estimated(
+            residuals[self.used], redundancy[self.used], self.detector[self.used],
+            self.kinds[self.used], before,
+        )  # fmt: skip
+        old, new = (
+            np.sqrt(np.einsum("mii->mi", n.covariance(self.detector, self.kinds)))
+            for n in (before, self.noise)
+        )
+        return float(np.abs(new / old - 1.0).max())
+
+    def _look(self, values: Values) -> None:
+        """Take normals and diameters from the ellipses."""
+        numbers = list(self.points)
+        before = {row: self.circles[n] for n, row in self.points.items() if n in self.circles}
+        circles = circles_of(
+            values, self.sightings, self.photo, self.point, self.used, self.middle, before
+        )
+        self.circles = {numbers[row]: circle for row, circle in circles.items()}
+        for kind in (CODED, PLAIN):
+            of_kind = [c for n, c in self.circles.items() if (n < 0) == (kind == PLAIN)]
+            if kind in self.state.declared_mm:
+                self.diameters[kind] = self.state.declared_mm[kind]
+            elif of_kind:
+                self.diameters[kind] = float(np.median([c.diameter_mm for c in of_kind]))
+
+    def _correct(self, values: Values) -> None:
+        """Compute by how much perspective shifts the centres."""
+        normals = np.full((len(self.points), 3), np.nan)
+        diameters = np.full(len(self.points), np.nan)
+        for number, row in self.points.items():
+            if number in self.circles:
+                normals[row] = self.circles[number].normal
+                diameters[row] = self.diameters.get(PLAIN if number < 0 else CODED, np.nan)
+        self.shift = eccentricities(values, self.photo, self.point, normals, diameters)
+
+    def _reject(self, t2: Array) -> bool:
+        """Reject the worst ray of each photograph and point; return whether there was one."""
+        scale = max(float(np.median(t2[self.used])) / _MEDIAN, 1.0)
+        bad = np.flatnonzero(self.used & (t2 > self.rejection * scale))
+        taken: set[tuple[str, int]] = set()
+        for ray in bad[np.argsort(-t2[bad])]:
+            keys = {("photo", int(self.photo[ray])), ("point", int(self.point[ray]))}
+            if keys & taken or not self._can_spare(ray):
+                continue
+            taken |= keys
+            self.used[ray] = False
+        return bool(taken)
+
+    def _can_spare(self, ray: np.intp) -> bool:
+        """Return whether enough is left without a ray to place its photograph and its point."""
+        of_point = int(np.sum(self.used & (self.point == self.point[ray])))
+        of_photo = int(np.sum(self.used & (self.photo == self.photo[ray])))
+        return of_point > FEWEST_RAYS and of_photo > FEWEST_IN_PHOTO
+
+    def _problem(self, values: Values, stage: tuple[int, ...]) -> Problem:
+        held = np.ones((1, len(PARAMETERS)), dtype=bool)
+        held[0, list(stage)] = False
+        rays = Block(
+            name="rays", observed=self.seen - self.shift,
+            covariance=self.noise.covariance(self.detector, self.kinds) * self.doubt[:, None, None],
+            index={
+                "lens": np.zeros_like(self.photo), "photos": self.photo, "points": self.point,
+                "zooms": self.photo,
+            },
+            evaluate=self._evaluated,
+            used=self.used,
+        )  # fmt: skip
+        blocks, datum = [rays], similarity_directions(values["points"])
+        if self.bars:
+            blocks.append(_bar_block(self.bars, self.points))
+            datum = rigid_directions(values["points"])
+        return Problem(
+            groups=(
+                Group(name="lens", values=values["lens"], held=held, names=PARAMETERS),
+                Group(name="photos", values=values["photos"], update=turn_and_shift),
+                Group(name="points", values=values["points"]),
+                self._zoom_group(values),
+            ),
+            blocks=tuple(blocks),
+            datum={"points": datum},
+        )
+
+    def _zoom_group(self, values: Values) -> Group:
+        zooms = values["zooms"]
+        return Group(
+            name="zooms", values=zooms, fixed=not self.zooms, observed=np.zeros_like(zooms),
+            sigma=np.full_like(zooms, ZOOM_SIGMA),
+        )  # fmt: skip
+
+    def _evaluated(self, values: Mapping[str, Array]) -> tuple[Array, dict[str, Array]]:
+        pixels, slopes = evaluate_rays(values, self.photo, self.point, self.middle)
+        if not self.zooms:
+            return pixels, slopes
+        centre = self.middle + values["lens"][0, 1:3]
+        grown = np.exp(values["zooms"][self.photo])
+        pixels = centre + grown * (pixels - centre)
+        slopes = {name: grown[:, :, None] * slope for name, slope in slopes.items()}
+        slopes["lens"][:, :, 1:3] = np.eye(2)
+        return pixels, {**slopes, "zooms": (pixels - centre)[:, :, None]}
+
+
+def _bar_block(bars: list[Bar], points: dict[int, int]) -> Block:
+    first, second = (np.array([points[b.ends[i]] for b in bars]) for i in (0, 1))
+    return Block(
+        name="bars", observed=np.array([[b.length_mm] for b in bars]),
+        covariance=np.array([[[b.sigma_mm**2]] for b in bars]),
+        index={"points": first, "points:2": second},
+        evaluate=lambda v: _lengths(v["points"], first, second),
+    )  # fmt: skip
+
+
+def _lengths(points: Array, first: Index, second: Index) -> tuple[Array, dict[str, Array]]:
+    between = points[first] - points[second]
+    length = np.linalg.norm(between, axis=1, keepdims=True)
+    direction = (between / length)[:, None, :]
+    return length, {"points": direction, "points:2": -direction}
