@@ -1,11 +1,12 @@
 """Which files make a run: the recording, and the part and the camera beside it."""
 
+import re
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
-from omm_core.errors import InputError
+from omm_core.errors import InputError, warn
 from omm_core.files.yaml_input import read_yaml
 
 _LARGEST_UNPACKED = 256 << 20
@@ -59,11 +60,57 @@ def _in_folder(folder: Path) -> RunFiles:
             f"The recording {unfinished[0]} was never closed: it is still being written, or it was "
             f"interrupted. If nothing is writing to it any more: ./omm repair {unfinished[0]}"
         )
-    others = sorted(folder.glob("*.mcap"))
-    if len(others) == 1:
-        return RunFiles(folder=folder, recordings=(others[0],))
-    got = f"{len(others)} other MCAP files; name one of them" if others else "none"
+    others = _with_repaired(sorted(folder.glob("*.mcap")))
+    if len(others) == 1 or _is_one_bag(others):
+        return RunFiles(folder=folder, recordings=tuple(sorted(others, key=_number)))
+    if not others and any(folder.glob("*.db3")):
+        raise InputError(_not_mcap("sqlite3", folder))
+    got = "none"
+    if others:
+        got = (
+            f"{len(others)} other MCAP files; name one of them, or if they are one recording: "
+            f"ros2 bag reindex {folder}"
+        )
     raise InputError(f"Expected run.mcap or a rosbag2 recording in {folder}, got {got}.")
+
+
+_SPLIT = re.compile(r"(?P<name>.+)_(?P<number>\d+)(?:\.repaired)?")
+"""rosbag2 numbers the files of one recording from 0."""
+_REPAIRED = ".repaired"
+
+
+def _number(file: Path) -> int:
+    match = _SPLIT.fullmatch(file.stem)
+    return int(match["number"]) if match else 0
+
+
+def _is_one_bag(files: list[Path]) -> bool:
+    """Whether they are called as rosbag2 calls the files of one recording, and none is missing."""
+    matches = [_SPLIT.fullmatch(file.stem) for file in files]
+    names = {match["name"] for match in matches if match}
+    numbers = sorted(int(match["number"]) for match in matches if match)
+    return bool(files) and len(names) == 1 and numbers == list(range(len(files)))
+
+
+def _with_repaired(files: list[Path]) -> list[Path]:
+    """Take a repaired file in the place of the one it was made from."""
+    taken = []
+    for file in files:
+        repaired = file.with_name(f"{file.stem}{_REPAIRED}.mcap")
+        if repaired.is_file():
+            warn(f"{repaired.name} is read in the place of {file.name}, from which it was made.")
+        else:
+            repaired = file
+        if repaired not in taken:
+            taken.append(repaired)
+    return taken
+
+
+def _not_mcap(storage: str, folder: Path) -> str:
+    return (
+        f"Expected a recording in MCAP, got {storage} in {folder}. "
+        "Convert it: ros2 bag convert, or rosbags-convert --dst-storage mcap."
+    )
 
 
 def _listed(folder: Path) -> tuple[Path, ...]:
@@ -77,17 +124,54 @@ def _listed(folder: Path) -> tuple[Path, ...]:
         storage = information["storage_identifier"]
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{path} is not the metadata.yaml of rosbag2: {error}") from error
+    # `ros2 bag reindex` of Humble leaves the storage empty: then the names tell.
+    if not storage:
+        storage = "sqlite3" if any(file.suffix == ".db3" for file in files) else "mcap"
     if storage != "mcap":
-        raise InputError(
-            f"Expected a recording in MCAP, got {storage} in {folder}. "
-            "Convert it: ros2 bag convert, or rosbags-convert --dst-storage mcap."
-        )
+        raise InputError(_not_mcap(str(storage), folder))
     missing = [file.name for file in files if not file.is_file()]
     if missing or not files:
         raise InputError(
-            f"{path} names files that are missing: {', '.join(missing) or 'none named'}."
+            f"{path} names files that are missing: {', '.join(missing) or 'none named'}. If the "
+            f"recording is all there under other names: ros2 bag reindex {folder}"
         )
-    return tuple(files)
+    return tuple(_with_repaired(files))
+
+
+_MAGIC = b"\x89MCAP0\r\n"
+
+
+def to_repair(folder: Path) -> Path:
+    """Find the file of a folder that was not closed.
+
+    Raises
+    ------
+    InputError
+        If there is not just one.
+    """
+    found = sorted(folder.glob(f"*{UNFINISHED}"))
+    if not found:
+        whole = sorted(folder.glob("*.mcap"))
+        found = [file for file in whole if not _is_closed(file)]
+        if not found and len(whole) == 1:
+            return whole[0]
+    if len(found) == 1:
+        return found[0]
+    names = ", ".join(file.name for file in found)
+    raise InputError(
+        f"Expected one recording in {folder} that was not closed, found {len(found)}"
+        + (f" ({names}): name one." if found else ": name the file that is to be repaired.")
+    )
+
+
+def _is_closed(file: Path) -> bool:
+    """Whether a file ends as MCAP ends."""
+    try:
+        with file.open("rb") as opened:
+            opened.seek(max(file.stat().st_size - len(_MAGIC), 0))
+            return opened.read() == _MAGIC
+    except OSError as error:
+        raise InputError(f"Cannot read {file}: {error.strerror}.") from error
 
 
 def open_recording(path: Path) -> IO[bytes]:

@@ -6,7 +6,9 @@ from pathlib import Path
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("recording", metavar="FILE", type=Path, help="an MCAP file; never changed")
+    parser.add_argument(
+        "recording", metavar="FILE", type=Path, help="an MCAP file, or its folder; never changed"
+    )
     parser.add_argument(
         "-o",
         "--output",
@@ -21,10 +23,11 @@ def run(arguments: argparse.Namespace) -> int:
     """Repair and tell what was found."""
     from omm_core.errors import InputError
     from omm_recording.repairing import repair, repaired_name
+    from omm_recording.run_files import to_repair
 
     source: Path = arguments.recording
     if source.is_dir():
-        source = _unfinished_in(source)
+        source = to_repair(source)
     if not source.is_file():
         raise InputError(f"Expected an MCAP file, got {source}, which does not exist.")
     target = arguments.output or repaired_name(source)
@@ -33,15 +36,3 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"omm: {problem}")
     print(f"omm: {recovered.messages} messages are in {target}; {source} is as it was.")
     return 0
-
-
-def _unfinished_in(folder: Path) -> Path:
-    from omm_core.errors import InputError
-    from omm_recording.run_files import UNFINISHED
-
-    found = sorted(folder.glob(f"*{UNFINISHED}"))
-    if len(found) != 1:
-        raise InputError(
-            f"Expected one unfinished recording in {folder}, found {len(found)}. Name the file."
-        )
-    return found[0]
