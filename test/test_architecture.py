@@ -43,16 +43,12 @@ TOO_LONG: set[str] = {
     "omm_core/targets/coded/search.py:find_dots",
     "omm_core/targets/coded/uneven.py:_ellipse",
     "omm_core/targets/coded/uneven.py:read_uneven",
-    "omm_core/targets/conic/dot_fit.py:fit_dot",
     "omm_core/targets/conic/outline.py:outline",
     "omm_estimator/conversions.py:estimate_message",
     "omm_ros/node_main.py:run_node",
 }
 TOO_MANY_ARGUMENTS: set[str] = {
     "omm_core/targets/coded/search.py:_test_run",
-    "omm_core/targets/conic/dot_fit.py:fit_dot",
-    "omm_core/targets/conic/dot_model.py:find_clipped",
-    "omm_core/targets/conic/dot_model.py:linearise",
     "omm_simulation/target_image.py:_cover",
 }
 

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_core.targets.conic.dot_fit import fit_dot
-from omm_core.targets.conic.dot_model import PARAMETERS
+from omm_core.targets.conic.dot_fit import SlopesPrior, fit_dot, start_at
+from omm_core.targets.conic.dot_model import XX, XY, YY, Noise, Ring
 from omm_core.targets.conic.outline import dot_outline
 
 Array = NDArray[np.float64]
@@ -60,38 +60,18 @@ def _fitted(
     shape, ok = dot_outline(image, np.array([*centre, round_px2, 0.0, round_px2, 1.0]))
     if not ok:
         return None
-    p = np.zeros(PARAMETERS)
-    p[:5], p[5], p[6], p[9] = shape[:5], max(float(shape[8]), 0.35), shape[5], shape[6]
-    covariance, statistics = np.zeros((2, 2)), np.zeros(6)
+    fitted = start_at(shape)
+    ring, light = Ring(_CLEAR, _NO_RING, 0.0), SlopesPrior(np.zeros((4, 4)), np.zeros(4))
     read, gain = 1.0, 0.0
     # The second time with the noise that the first fit shows on the dot and beside it.
     for _ in range(2):
-        ok = fit_dot(
-            image,
-            shape,
-            1,
-            _CLEAR,
-            _NO_RING,
-            0.0,
-            read,
-            gain,
-            saturation,
-            np.zeros((4, 4)),
-            np.zeros(4),
-            p,
-            covariance,
-            statistics,
-        )
-        if not ok:
+        if not fit_dot(image, shape, 1, ring, Noise(read, gain, saturation), light, fitted):
             return None
-        on_dot = statistics[1] / max(statistics[0], 1.0)
-        beside = statistics[3] / max(statistics[2], 1.0)
-        gain = max(on_dot - beside, 0.0) / max(float(p[6] - p[9]), 1.0)
-        read = max(beside - gain * max(float(p[9]), 0.0), 0.08)  # at least what rounding makes
-    misfit = float(statistics[4]) / max(float(statistics[5]) - PARAMETERS, 1.0)
-    axes = np.linalg.eigvalsh(np.array([[p[2], p[3]], [p[3], p[4]]]))
+        read, gain = fitted.noise(0.08)  # at least what rounding makes
+    p = fitted.p
+    axes = np.linalg.eigvalsh(np.array([[p[XX], p[XY]], [p[XY], p[YY]]]))
     return PlainDot(
         center_px=p[:2].copy(),
-        covariance_px2=covariance * max(misfit, 0.2),
+        covariance_px2=fitted.covariance * max(fitted.misfit, 0.2),
         diameter_px=float(2.0 / np.prod(axes) ** 0.25),
     )

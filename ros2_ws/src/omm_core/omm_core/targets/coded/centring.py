@@ -21,9 +21,19 @@ from omm_core.targets.coded.light import (
 )
 from omm_core.targets.coded.uneven import grey_unit, outline_uneven
 from omm_core.targets.conic.clustered import clustered_covariance
-from omm_core.targets.conic.dot_fit import fit_dot
-from omm_core.targets.conic.dot_model import PARAMETERS
-from omm_core.targets.conic.outline import semi_axes, square_root
+from omm_core.targets.conic.dot_fit import Fitted, SlopesPrior, fit_dot, start_at
+from omm_core.targets.conic.dot_model import B0, BLUR, BX, BY, F0, FX, FY, Noise, Ring
+from omm_core.targets.conic.outline import (
+    LEVEL_IN,
+    LEVEL_OUT,
+    OFF,
+    WIDTH,
+    XX,
+    XY,
+    YY,
+    semi_axes,
+    square_root,
+)
 from omm_core.targets.detected import DetectedTarget, RefusedTarget
 from omm_core.words import keyed
 
@@ -51,10 +61,9 @@ comes from what the camera does to edges (sharpening, JPEG), which is the same o
 
 def centre_of_outline(reading: RingReading) -> DetectedTarget:
     """Return the outline's ellipse as the result; its covariance comes from its points' scatter."""
-    scatter = max(float(reading.outline[7]), 0.01) ** 2
-    return _result(
-        reading, reading.outline[:5], np.eye(2) * scatter * 2.0 / 40.0, reading.outline[8]
-    )
+    shape = reading.outline
+    scatter = max(float(shape[OFF]), 0.01) ** 2
+    return _result(reading, shape[: YY + 1], np.eye(2) * scatter * 2.0 / 40.0, shape[WIDTH])
 
 
 def centre_all(
@@ -68,7 +77,8 @@ def centre_all(
     for i in again:
         fit = _fit(image, family, readings[i], read, gain, saturation, lights[i])
         if fit is not None:
-            outline = np.concatenate([fit[0][:5], readings[i].outline[5:8], fit[0][5:6]])
+            outline = readings[i].outline.copy()
+            outline[: YY + 1], outline[WIDTH] = fit.p[: YY + 1], fit.p[BLUR]
             readings[i] = replace(readings[i], outline=outline)
             mixed = MIXED if _is_clipped(lights[i]) else MIXED_ONCE_FITTED
             lights[i] = light_around(image, family, readings[i], saturation, mixed)
@@ -92,51 +102,44 @@ def _judged(
     """Fit a dot, and once more as one that its model does not describe to within the noise."""
     fit = _fit(image, family, reading, read, gain, saturation, light)
     if fit is None:
-        contrast = float(reading.outline[5] - reading.outline[6])
+        contrast = float(reading.outline[LEVEL_IN] - reading.outline[LEVEL_OUT])
         rough = read + (ROUGH * contrast) ** 2
         fit = _fit(image, family, reading, rough, gain, saturation, light)
     outcome = _judge(reading, fit)
     if fit is not None and isinstance(outcome, DetectedTarget) and _errs_alike(fit, light):
         outcome = _as_wide_as_its_residuals(
-            image, family, reading, (read, gain), saturation, light, fit[0], outcome
+            image, family, reading, Noise(read, gain, saturation), light, fit.p, outcome
         )
     if reading.uneven or (fit is not None and _is_rough(fit)):
         return _by_the_edges(image, reading, outcome)
     return outcome
 
 
-def _errs_alike(fit: tuple[Floats, Floats, Floats], light: Light | None) -> bool:
+def _errs_alike(fit: Fitted, light: Light | None) -> bool:
     """Whether the residuals are worse than noise, and not for what is saturated."""
-    misfit = float(fit[2][4]) / max(float(fit[2][5]) - PARAMETERS, 1.0)
-    return misfit > NOT_NOISE and not _is_clipped(light)
+    return fit.misfit > NOT_NOISE and not _is_clipped(light)
 
 
 def _as_wide_as_its_residuals(
     image: NDArray[Any],
     family: TargetFamily,
     reading: RingReading,
-    noise: tuple[float, float],
-    saturation: float,
+    grey: Noise,
     light: Light | None,
     p: Floats,
     target: DetectedTarget,
 ) -> DetectedTarget:
     """Return the target, as uncertain as it is where neighbouring pixels of an edge err alike."""
-    prior, _ = slopes_prior(reading, light, *noise)
-    seen = clustered_covariance(
-        image, reading.outline, family.ring_inner_ratio, reading.bits, reading.phase_rad,
-        noise, saturation, prior, p,
-    )  # fmt: skip
+    prior, _ = slopes_prior(reading, light, grey.read, grey.gain)
+    ring = Ring(family.ring_inner_ratio, reading.bits, reading.phase_rad)
+    seen = clustered_covariance(image, reading.outline, ring, grey, prior, p)
     wider = math.sqrt(np.linalg.det(seen) / np.linalg.det(target.covariance_px2))
     return replace(target, covariance_px2=target.covariance_px2 * max(wider, 1.0))
 
 
-def _is_rough(fit: tuple[Floats, Floats, Floats]) -> bool:
+def _is_rough(fit: Fitted) -> bool:
     """Whether the model is off by what a beam's edge on the dot would do."""
-    p, _, statistics = fit
-    free = max(float(statistics[5]) - PARAMETERS, 1.0)
-    residual = math.sqrt((statistics[1] + statistics[3]) / (free + PARAMETERS))
-    return residual > ROUGH * abs(p[6] - p[9]) and statistics[4] > MAX_MISFIT * free
+    return fit.residual > ROUGH * abs(fit.contrast) and fit.misfit > MAX_MISFIT
 
 
 def _by_the_edges(
@@ -183,38 +186,17 @@ def _fit(
     gain: float,
     saturation: float,
     light: Light | None,
-) -> tuple[Floats, Floats, Floats] | None:
-    """Return parameters, covariance and statistics of `dot_fit.fit_dot`, or None."""
+) -> Fitted | None:
     shape = reading.outline
     prior, mean = slopes_prior(reading, light, read, gain)
-    p = np.zeros(PARAMETERS)
-    p[:5] = shape[:5]
-    p[5] = max(float(shape[8]), 0.35)
-    p[6], p[9] = shape[5], shape[6]
-    p[[7, 8, 10, 11]] = mean
-    covariance, statistics = np.zeros((2, 2)), np.zeros(6)
-    ok = fit_dot(
-        image,
-        shape,
-        reading.sign,
-        family.ring_inner_ratio,
-        reading.bits,
-        reading.phase_rad,
-        read,
-        gain,
-        saturation,
-        prior,
-        mean,
-        p,
-        covariance,
-        statistics,
-    )
-    return (p, covariance, statistics) if ok else None
+    fitted = start_at(shape)
+    fitted.p[[FX, FY, BX, BY]] = mean
+    ring = Ring(family.ring_inner_ratio, reading.bits, reading.phase_rad)
+    grey, slopes = Noise(read, gain, saturation), SlopesPrior(prior, mean)
+    return fitted if fit_dot(image, shape, reading.sign, ring, grey, slopes, fitted) else None
 
 
-def _judge(
-    reading: RingReading, fit: tuple[Floats, Floats, Floats] | None
-) -> DetectedTarget | RefusedTarget:
+def _judge(reading: RingReading, fit: Fitted | None) -> DetectedTarget | RefusedTarget:
     shape = reading.outline
     if fit is None:
         words = keyed(
@@ -222,31 +204,28 @@ def _judge(
             "the dot's edge is not that of one evenly lit dot: its centre cannot be trusted",
         )
         return refusal(shape, words)
-    p, covariance, statistics = fit
-    free = max(float(statistics[5]) - PARAMETERS, 1.0)
-    misfit = float(statistics[4]) / free
-    residual = math.sqrt((statistics[1] + statistics[3]) / (free + PARAMETERS))
-    if misfit > MAX_MISFIT and residual > MAX_RESIDUAL * abs(p[6] - p[9]):
+    p, misfit = fit.p, fit.misfit
+    if misfit > MAX_MISFIT and fit.residual > MAX_RESIDUAL * abs(fit.contrast):
         words = keyed(
             "said.dot_covered",
             "something lies on the dot or shines on it: its centre cannot be trusted",
         )
         return refusal(shape, words)
     # What the dot itself shows of the noise counts: it grew by misfit, or was thought too large.
-    covariance = covariance * max(misfit, 0.2) + np.eye(2) * _of_the_light(p) ** 2
-    return _result(reading, p[:5], covariance, p[5], abs(p[6] - p[9]))
+    covariance = fit.covariance * max(misfit, 0.2) + np.eye(2) * _of_the_light(p) ** 2
+    return _result(reading, p[: YY + 1], covariance, p[BLUR], abs(fit.contrast))
 
 
 def _of_the_light(p: Floats) -> float:
     """Return the centre's standard deviation, px, for light that is not a plane."""
-    fall = math.hypot(p[7], p[8]) / abs(p[6] - p[9])
+    fall = math.hypot(p[FX], p[FY]) / abs(p[F0] - p[B0])
     return UNEVEN_SHARE * fall**2 * radius(p)
 
 
 def _result(
     reading: RingReading, conic: Floats, covariance: Floats, s: float, contrast: float | None = None
 ) -> DetectedTarget:
-    a11, a12, a22 = square_root(conic[2], conic[3], conic[4])
+    a11, a12, a22 = square_root(conic[XX], conic[XY], conic[YY])
     smaller, larger = semi_axes(*conic[2:5])
     return DetectedTarget(
         id=reading.id,
@@ -258,7 +237,9 @@ def _result(
         phase_rad=reading.phase_rad,
         bright=reading.sign > 0,
         contrast_dn=float(
-            abs(reading.outline[5] - reading.outline[6]) if contrast is None else contrast
+            abs(reading.outline[LEVEL_IN] - reading.outline[LEVEL_OUT])
+            if contrast is None
+            else contrast
         ),
         blur_px=float(s),
         ring_margin=reading.margin,

@@ -19,24 +19,36 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_core.targets.conic.dot_model import PARAMETERS, linearise, place, shares, sort_pixels
-from omm_core.targets.conic.outline import square_root
+from omm_core.targets.conic.dot_model import (
+    B0,
+    BX,
+    BY,
+    F0,
+    FX,
+    FY,
+    PARAMETERS,
+    Noise,
+    Ring,
+    Window,
+    linearise,
+    place,
+    shares,
+    sort_pixels,
+)
+from omm_core.targets.conic.outline import COL, ROW, XX, XY, YY, square_root
 
 Floats = NDArray[np.float64]
 
 SECTORS = 12
 _OF_THE_ELLIPSE = 5
-_SLOPES = np.array([7, 8, 10, 11])
+_SLOPES = np.array([FX, FY, BX, BY])
 
 
 def clustered_covariance(
     image: NDArray[Any],
     start: Floats,
-    inner: float,
-    bits: NDArray[np.int64],
-    phase: float,
-    noise: tuple[float, float],
-    saturation: float,
+    ring: Ring,
+    noise: Noise,
     prior: Floats,
     p: Floats,
 ) -> Floats:
@@ -44,32 +56,32 @@ def clustered_covariance(
 
     Parameters
     ----------
-    noise : read and gain of `dot_fit.fit_dot`.
+    prior : (4, 4) information of the slopes.
     p : (12,) the solution.
     """
-    a11, a12, a22 = square_root(start[2], start[3], start[4])
-    reach = max(math.hypot(a11, a12), math.hypot(a12, a22))
-    most = int(2.0 * (1.0 + 0.6 * (inner - 1.0)) * reach + 4.0) ** 2
+    a11, a12, a22 = square_root(start[XX], start[XY], start[YY])
+    r0, reach = math.sqrt(a11 * a22 - a12 * a12), max(math.hypot(a11, a12), math.hypot(a12, a22))
+    window = Window(float(start[COL]), float(start[ROW]), a11, a12, a22, r0, reach)
+    most = int(2.0 * (1.0 + 0.6 * (ring.inner - 1.0)) * reach + 4.0) ** 2
     pixels, flat, geometry = np.empty((3, most)), np.zeros((2, 10)), np.empty((5, most))
     rows, rests, statistics = np.empty((PARAMETERS, most)), np.empty(most), np.zeros(6)
-    read, gain = noise
-    below = saturation - 4.5 * math.sqrt(read + gain * saturation)
-    used = sort_pixels(image, start, p, inner, below, pixels, flat)
+    read, gain = noise.read, noise.gain
+    below = noise.saturation - 4.5 * math.sqrt(read + gain * noise.saturation)
+    used = sort_pixels(image, start, p, ring.inner, below, pixels, flat)
     place(pixels, used, p, geometry)
-    shares(pixels, geometry, used, p, a11, a12, a22, inner, bits, phase)
+    shares(pixels, geometry, used, p, window, ring)
     none = np.zeros(most, dtype=np.bool_)
-    middle = (float(start[0]), float(start[1]), math.sqrt(a11 * a22 - a12 * a12))
-    linearise(pixels, geometry, used, p, *middle, read, gain, none, rows, rests, statistics)
+    linearise(pixels, geometry, used, p, window, noise, none, rows, rests, statistics)
     rows, rests, pixels = rows[:, :used], rests[:used], pixels[:, :used]
     normal = rows @ rows.T
-    for kind in range(2):
-        at = slice(6 + 3 * kind, 9 + 3 * kind)
+    for kind, level in enumerate((F0, B0)):
+        at = slice(level, level + 3)
         one, x, y, xx, xy, yy = flat[kind, :6]
-        weight = 1.0 / (read + gain * max(float(p[6 + 3 * kind]), 0.0))
+        weight = 1.0 / (read + gain * max(float(p[level]), 0.0))
         normal[at, at] += weight * np.array([[one, x, y], [x, xx, xy], [y, xy, yy]])
     normal[np.ix_(_SLOPES, _SLOPES)] += prior
     steps = np.linalg.solve(normal, np.eye(PARAMETERS)[:, :2]).T @ (rows * rests)
-    angles = np.arctan2(pixels[1] - p[1], pixels[0] - p[0])
+    angles = np.arctan2(pixels[1] - p[ROW], pixels[0] - p[COL])
     sector = ((angles / (2.0 * math.pi) + 0.5) * SECTORS).astype(int) % SECTORS
     sums = np.array([steps[:, sector == s].sum(axis=1) for s in range(SECTORS)])
     return np.asarray(sums.T @ sums * SECTORS / (SECTORS - _OF_THE_ELLIPSE))

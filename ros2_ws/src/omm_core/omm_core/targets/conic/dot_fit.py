@@ -13,20 +13,35 @@ Any error of the model that is symmetric about the centre leaves the centre unbi
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from omm_core.numerics.linear_algebra import copy_to, invert, product
 from omm_core.targets.conic.dot_model import (
+    B0,
+    BLUR,
+    BX,
+    CHI2,
+    CLEAR_PIXELS,
+    CLEAR_SQUARES,
+    F0,
+    FX,
     PARAMETERS,
+    PIXELS,
+    SET_PIXELS,
+    SET_SQUARES,
+    Floats,
     find_clipped,
     linearise,
     place,
     shares,
     sort_pixels,
+    window_of,
 )
-from omm_core.targets.conic.outline import square_root
+from omm_core.targets.conic.outline import COL, LEVEL_IN, LEVEL_OUT, ROW, WIDTH, XX, XY, YY
 
 MAX_TURNS = 25
 SETTLED = 4
@@ -34,13 +49,94 @@ SETTLED = 4
 FIRST_DAMPING = 0.1
 
 
+class SlopesPrior(NamedTuple):
+    """Information (4, 4) and mean (4,) of the slopes (fx, fy, bx, by)."""
+
+    information: Floats
+    mean: Floats
+
+
+class Fitted(NamedTuple):
+    """A dot's parameters (12,), the centre's covariance (2, 2) in px², and statistics (6,)."""
+
+    p: Floats
+    covariance: Floats
+    statistics: Floats
+
+    @property
+    def contrast(self) -> float:
+        """Return how much brighter the dot is than its background."""
+        return float(self.p[F0] - self.p[B0])
+
+    @property
+    def misfit(self) -> float:
+        """Return χ² by degree of freedom."""
+        return float(self.statistics[CHI2]) / self._free
+
+    @property
+    def residual(self) -> float:
+        """Return the root mean square of what the model leaves of the grey values."""
+        squares = self.statistics[SET_SQUARES] + self.statistics[CLEAR_SQUARES]
+        return math.sqrt(squares / (self._free + PARAMETERS))
+
+    @property
+    def _free(self) -> float:
+        return max(float(self.statistics[PIXELS]) - PARAMETERS, 1.0)
+
+    def noise(self, least: float) -> tuple[float, float]:
+        """Return read and gain as dot and background show them; read is at least ``least``."""
+        on_dot = self.statistics[SET_SQUARES] / max(self.statistics[SET_PIXELS], 1.0)
+        beside = self.statistics[CLEAR_SQUARES] / max(self.statistics[CLEAR_PIXELS], 1.0)
+        gain = max(on_dot - beside, 0.0) / max(self.contrast, 1.0)
+        return max(beside - gain * max(float(self.p[B0]), 0.0), least), gain
+
+
+def start_at(shape: Floats) -> Fitted:
+    """Return an outline (9,) as what `fit_dot` starts from, without slopes."""
+    p = np.zeros(PARAMETERS)
+    p[: YY + 1] = shape[: YY + 1]
+    p[BLUR] = max(float(shape[WIDTH]), 0.35)
+    p[F0], p[B0] = shape[LEVEL_IN], shape[LEVEL_OUT]
+    return Fitted(p, np.zeros((2, 2)), np.zeros(6))
+
+
+class _Room(NamedTuple):
+    """What a fit knows of its pixels, see dot_model.py."""
+
+    pixels: Floats
+    flat: Floats
+    geometry: Floats
+    rows: Floats
+    rests: Floats
+    clipped: NDArray[np.bool_]
+
+
+class _Equations(NamedTuple):
+    """Normal equations, scaled, their solution, and room for it."""
+
+    normal: Floats
+    right: Floats
+    scaled: Floats
+    scale: Floats
+    inverse: Floats
+    step: Floats
+
+
+class _Best(NamedTuple):
+    """The best parameters so far, with their normal equations."""
+
+    p: Floats
+    right: Floats
+    normal: Floats
+
+
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
-def _add_flat(flat, p, read, gain, normal, right, statistics):
+def _add_flat(flat, p, noise, normal, right, statistics):
     """Add what the wholly set [0] and the wholly clear [1] pixels tell: of light only."""
     for kind in range(2):
-        at = 6 + 3 * kind
+        at = F0 if kind == 0 else B0
         sums, level, slope_x, slope_y = flat[kind], p[at], p[at + 1], p[at + 2]
-        w = 1.0 / (read + gain * max(level, 0.0))
+        w = 1.0 / (noise.read + noise.gain * max(level, 0.0))
         normal[at, at] += w * sums[0]
         normal[at + 1, at] += w * sums[1]
         normal[at + 2, at] += w * sums[2]
@@ -59,20 +155,21 @@ def _add_flat(flat, p, read, gain, normal, right, statistics):
             - slope_x * (sums[7] + rest_x)
             - slope_y * (sums[8] + rest_y)
         )
-        statistics[2 * kind] += sums[0]
-        statistics[2 * kind + 1] += squares
-        statistics[4] += w * squares
-        statistics[5] += sums[0]
+        statistics[SET_PIXELS if kind == 0 else CLEAR_PIXELS] += sums[0]
+        statistics[SET_SQUARES if kind == 0 else CLEAR_SQUARES] += squares
+        statistics[CHI2] += w * squares
+        statistics[PIXELS] += sums[0]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _add_prior(prior, mean, p, normal, right):
+def _add_prior(light, p, normal, right):
     """Add what the ring tells of the slopes (fx, fy, bx, by); return its weighted square."""
+    prior, mean = light.information, light.mean
     cost = 0.0
     for j in range(4):
-        a = 7 + j if j < 2 else 8 + j
+        a = FX + j if j < 2 else BX + j - 2
         for k in range(4):
-            c = 7 + k if k < 2 else 8 + k
+            c = FX + k if k < 2 else BX + k - 2
             pull = prior[j, k] * (mean[k] - p[c])
             right[a] += pull
             cost += (mean[j] - p[a]) * pull
@@ -82,11 +179,13 @@ def _add_prior(prior, mean, p, normal, right):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _solve(normal, right, damping, scaled, scale, inverse, step):
+def _solve(equations, damping):
     """Fill the step and the scaled normal matrix' inverse; return False where there is none.
 
     The matrix is scaled to a diagonal of 1 + damping.
     """
+    normal, right, scaled = equations.normal, equations.right, equations.scaled
+    scale, inverse, step = equations.scale, equations.inverse, equations.step
     n = len(right)
     for j in range(n):
         if not normal[j, j] > 0.0:
@@ -107,8 +206,9 @@ def _solve(normal, right, damping, scaled, scale, inverse, step):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _centre_covariance(inverse, scale, covariance):
+def _centre_covariance(equations, covariance):
     """Fill the covariance (2, 2) of (col, row)."""
+    inverse, scale = equations.inverse, equations.scale
     covariance[0, 0] = inverse[0, 0] * scale[0] * scale[0]
     covariance[0, 1] = covariance[1, 0] = inverse[0, 1] * scale[0] * scale[1]
     covariance[1, 1] = inverse[1, 1] * scale[1] * scale[1]
@@ -120,146 +220,186 @@ def _bold(p, step, move):
     factor = 1.0
     if move > 1.0:
         factor = 1.0 / move
-    if abs(step[5]) > 0.4 * p[5]:
-        factor = min(factor, 0.4 * p[5] / abs(step[5]))
-    level = abs(p[6] - p[9])
-    for bright in (6, 9):
+    if abs(step[BLUR]) > 0.4 * p[BLUR]:
+        factor = min(factor, 0.4 * p[BLUR] / abs(step[BLUR]))
+    level = abs(p[F0] - p[B0])
+    for bright in (F0, B0):
         if abs(step[bright]) > 0.5 * level:
             factor = min(factor, 0.5 * level / abs(step[bright]))
     return factor
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
-def fit_dot(
-    image,
-    start,
-    sign,
-    inner,
-    bits,
-    phase,
-    read,
-    gain,
-    saturation,
-    prior,
-    prior_mean,
-    p,
-    covariance,
-    statistics,
-):
+def _rooms(extent):
+    """Return the room for a window of a half width, and for the equations."""
+    most, n = int(2.0 * extent + 4.0) ** 2, np.int64(PARAMETERS)
+    room = _Room(
+        np.empty((3, most)), np.zeros((2, 10)), np.empty((5, most)), np.empty((PARAMETERS, most)),
+        np.empty(most), np.zeros(most, dtype=np.bool_),
+    )  # fmt: skip
+    equations = _Equations(
+        np.empty((n, n)), np.empty(n), np.empty((n, n)), np.empty(n), np.empty((n, n)), np.empty(n)
+    )
+    return room, equations, _Best(np.empty(n), np.empty(n), np.empty((n, n)))
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+def _look(p, used, turn, window, ring, noise, room, statistics):
+    """Fill rows and rests at p; return whether what is clipped may still change."""
+    pixels, geometry, clipped = room.pixels, room.geometry, room.clipped
+    place(pixels, used, p, geometry)
+    shares(pixels, geometry, used, p, window, ring)
+    some = False
+    if turn < SETTLED:
+        # Which pixels are clipped is settled in the first turns, lest they come and go.
+        some = find_clipped(pixels, geometry, used, p, window, noise, turn < 2, clipped)
+    linearise(pixels, geometry, used, p, window, noise, clipped, room.rows, room.rests, statistics)
+    return some and turn < SETTLED - 1
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+def _set_equations(fitted, used, levels, noise, light, room, equations):
+    """Fill the normal equations from the rows; return the cost."""
+    p, statistics = fitted.p, fitted.statistics
+    rows, rests, normal, right = room.rows, room.rests, equations.normal, equations.right
+    for j in range(len(right)):
+        right[j] = product(rows[j], rests, used)
+        for k in range(j + 1):
+            normal[j, k] = product(rows[j], rows[k], used)
+    _add_flat(room.flat, p, noise, normal, right, statistics)
+    cost = statistics[CHI2] + _add_prior(light, p, normal, right)
+    # Where all of the dot is saturated only its edge tells of F: hold it loosely.
+    f_start, b_start = levels
+    loose = 1.0 / (f_start - b_start) ** 2
+    normal[F0, F0] += loose
+    normal[B0, B0] += loose
+    right[F0] += loose * (f_start - p[F0])
+    right[B0] += loose * (b_start - p[B0])
+    return cost + loose * ((f_start - p[F0]) ** 2 + (b_start - p[B0]) ** 2)
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+def _keep(best, p, equations):
+    """Keep parameters and their equations as the best."""
+    copy_to(best.normal, equations.normal)
+    for j in range(len(p)):
+        best.p[j], best.right[j] = p[j], equations.right[j]
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+def _go_back(best, p, equations):
+    """Take the best parameters and their equations again."""
+    copy_to(equations.normal, best.normal)
+    for j in range(len(p)):
+        p[j], equations.right[j] = best.p[j], best.right[j]
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+def _bound(p, levels, sign, below):
+    """Hold the blur above that of a pixel, and what is saturated at least as bright as that."""
+    f_start, b_start = levels
+    if p[BLUR] < 0.29:
+        p[BLUR] = 0.29
+    if sign > 0.0 and f_start > below:
+        p[F0] = max(p[F0], f_start)
+    elif sign < 0.0 and b_start > below:
+        p[B0] = max(p[B0], b_start)
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+def _lost(p, s_start, window):
+    """Return whether p is no ellipse any more, or another one than that of the start."""
+    if not (p[XX] > 0.0 and p[XX] * p[YY] > p[XY] * p[XY]) or p[BLUR] > 4.0 * s_start + 2.0:
+        return True
+    half = 0.5 * window.reach
+    return abs(p[COL] - window.x0) > half or abs(p[ROW] - window.y0) > half
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+def _moved_edge(step, move, reach):
+    """Return how far a step moves the edge, or what it blurs, at most (px)."""
+    bent = abs(step[XX]) + 2.0 * abs(step[XY]) + abs(step[YY])
+    return move + 0.5 * reach * reach * reach * bent + 4.2 * max(step[BLUR], 0.0)
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+def _has_settled(move, damping, equations, covariance):
+    """Fill the centre's covariance; return whether the next step would change nothing.
+
+    Below a quarter of the standard deviation; a twentieth of that step is left.
+    """
+    _centre_covariance(equations, covariance)
+    limit = 0.03 * (covariance[0, 0] + covariance[1, 1]) + 1e-10
+    return (move * (1.0 + damping)) ** 2 < limit
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+def _finish(fitted, damping, equations):
+    """Fill χ² and covariance of the solution; return whether it has one."""
+    statistics, step, right = fitted.statistics, equations.step, equations.right
+    # The sums are from before this step, which takes so much off χ².
+    statistics[CHI2] = max(statistics[CHI2] - product(step, right, len(right)), 0.0)
+    converged = True
+    if damping > 0.0:
+        converged = _solve(equations, 0.0)
+        _centre_covariance(equations, fitted.covariance)
+    return converged
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+def fit_dot(image, start, sign, ring, noise, light, fitted):
     """Fit the model of the module's docstring.
 
     Parameters
     ----------
     start : (9,) from `outline.outline`; where the slopes' coordinates begin and the window lies.
     sign : +1 bright dot, -1 dark dot.
-    inner, bits, phase : the ring's inner radius (dot radii), its bits, where they begin (rad).
-    read, gain : variance of a grey value I is read + gain I.
-    saturation : grey value from which on a pixel tells only "at least".
-    prior, prior_mean : (4, 4) information and (4,) mean of (fx, fy, bx, by).
-    p : (12,) in: start values, out: solution. covariance : (2, 2) out, px².
-    statistics : (6,) out: pixels and sum of squares of the dot's half, of the background's half,
-        χ² and pixels in all.
+    ring, noise, light : Ring, Noise, SlopesPrior
+    fitted : Fitted, with the start in p; filled with the solution.
 
     Returns
     -------
     Whether the fit converged.
     """
-    x0, y0 = start[0], start[1]
-    a11, a12, a22 = square_root(start[2], start[3], start[4])
-    area = a11 * a22 - a12 * a12
-    r0 = math.sqrt(area)
-    reach = max(math.sqrt(a11 * a11 + a12 * a12), math.sqrt(a12 * a12 + a22 * a22))
-    s_start = p[5]
-    n = np.int64(PARAMETERS)
-    f_start, b_start = p[6], p[9]
-    loose = 1.0 / (f_start - b_start) ** 2
-    below = saturation - 4.5 * math.sqrt(read + gain * saturation)
-    converged = False
-    extent = (1.0 + 0.6 * (inner - 1.0)) * reach
-    most = int(2.0 * extent + 4.0) ** 2
-    pixels, flat = np.empty((3, most)), np.zeros((2, 10))
-    geometry = np.empty((5, most))
-    rows, rests = np.empty((PARAMETERS, most)), np.empty(most)
-    clipped = np.zeros(most, dtype=np.bool_)
-    normal, right, inverse = np.empty((n, n)), np.empty(n), np.empty((n, n))
-    scaled, scale, step = np.empty((n, n)), np.empty(n), np.empty(n)
-    best, best_right, best_normal = np.empty(n), np.empty(n), np.empty((n, n))
+    p = fitted.p
+    window = window_of(start)
+    s_start, levels = p[BLUR], (p[F0], p[B0])
+    below = noise.saturation - 4.5 * math.sqrt(noise.read + noise.gain * noise.saturation)
+    room, equations, best = _rooms((1.0 + 0.6 * (ring.inner - 1.0)) * window.reach)
+    step = equations.step
     lowest, damping = math.inf, 0.0
     used = np.int64(0)
     sorting = True
     for turn in range(MAX_TURNS):
-        settling = turn == 0  # the centre may be right before the grey levels are
         if sorting:
-            used = sort_pixels(image, start, p, inner, below, pixels, flat)
-        place(pixels, used, p, geometry)
-        shares(pixels, geometry, used, p, a11, a12, a22, inner, bits, phase)
-        if turn < SETTLED:
-            # Which pixels are clipped is settled in the first turns, lest they come and go.
-            some = find_clipped(
-                pixels, geometry, used, p, x0, y0, r0, read, gain, saturation, turn < 2, clipped
-            )
-            settling = settling or (some and turn < SETTLED - 1)
-        linearise(
-            pixels, geometry, used, p, x0, y0, r0, read, gain, clipped, rows, rests, statistics
-        )
-        for j in range(n):
-            right[j] = product(rows[j], rests, used)
-            for k in range(j + 1):
-                normal[j, k] = product(rows[j], rows[k], used)
-        _add_flat(flat, p, read, gain, normal, right, statistics)
-        cost = statistics[4] + _add_prior(prior, prior_mean, p, normal, right)
-        # Where all of the dot is saturated only its edge tells of F: hold it loosely.
-        normal[6, 6] += loose
-        normal[9, 9] += loose
-        right[6] += loose * (f_start - p[6])
-        right[9] += loose * (b_start - p[9])
-        cost += loose * ((f_start - p[6]) ** 2 + (b_start - p[9]) ** 2)
+            used = sort_pixels(image, start, p, ring.inner, below, room.pixels, room.flat)
+        changing = _look(p, used, turn, window, ring, noise, room, fitted.statistics)
+        cost = _set_equations(fitted, used, levels, noise, light, room, equations)
         worse = turn >= SETTLED and cost > lowest * (1.0 + 1e-9)
         if worse:
             # Level, size and blur of what is saturated can hardly be told apart: step less far.
             damping = max(10.0 * damping, FIRST_DAMPING)
-            copy_to(normal, best_normal)
-            for j in range(n):
-                p[j], right[j] = best[j], best_right[j]
+            _go_back(best, p, equations)
         elif turn >= SETTLED - 1:
             lowest = cost
             damping *= 0.1
-            copy_to(best_normal, normal)
-            for j in range(n):
-                best[j], best_right[j] = p[j], right[j]
-        if not _solve(normal, right, damping, scaled, scale, inverse, step):
+            _keep(best, p, equations)
+        if not _solve(equations, damping):
             return False
-        move = math.sqrt(step[0] * step[0] + step[1] * step[1])
+        move = math.sqrt(step[COL] * step[COL] + step[ROW] * step[ROW])
         factor = _bold(p, step, move)
-        for j in range(n):
+        for j in range(len(p)):
             p[j] += factor * step[j]
         # What is edge and what is flat is settled by the first step, unless that moves the edge by
         # so little that all that is edge has been taken for it already.
-        bent = abs(step[2]) + 2.0 * abs(step[3]) + abs(step[4])
-        moved = move + 0.5 * reach * reach * reach * bent + 4.2 * max(step[5], 0.0)
-        sorting = turn == 0 and factor * moved > 0.2 * p[5]
-        if p[5] < 0.29:
-            p[5] = 0.29
-        # What is saturated is at least as bright as that.
-        if sign > 0.0 and f_start > below:
-            p[6] = max(p[6], f_start)
-        elif sign < 0.0 and b_start > below:
-            p[9] = max(p[9], b_start)
-        if not (p[2] > 0.0 and p[2] * p[4] > p[3] * p[3]) or p[5] > 4.0 * s_start + 2.0:
+        sorting = turn == 0 and factor * _moved_edge(step, move, window.reach) > 0.2 * p[BLUR]
+        _bound(p, levels, sign, below)
+        if _lost(p, s_start, window):
             return False
-        if abs(p[0] - x0) > 0.5 * reach or abs(p[1] - y0) > 0.5 * reach:
-            return False
+        # The centre may be right before the grey levels are.
+        settling = turn == 0 or changing
         if factor < 1.0 or worse or settling:
             continue
-        _centre_covariance(inverse, scale, covariance)
-        # Below a quarter of the standard deviation; a twentieth of that step is left.
-        limit = 0.03 * (covariance[0, 0] + covariance[1, 1]) + 1e-10
-        if (move * (1.0 + damping)) ** 2 < limit:
-            converged = True
-            # The sums are from before this step, which takes so much off χ².
-            statistics[4] = max(statistics[4] - product(step, right, n), 0.0)
-            if damping > 0.0:
-                converged = _solve(normal, right, 0.0, scaled, scale, inverse, step)
-                _centre_covariance(inverse, scale, covariance)
-            break
-    return converged and sign * (p[6] - p[9]) > 0.0
+        if _has_settled(move, damping, equations, fitted.covariance):
+            return _finish(fitted, damping, equations) and sign * (p[F0] - p[B0]) > 0.0
+    return False

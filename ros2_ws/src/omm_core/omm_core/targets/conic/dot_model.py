@@ -14,14 +14,60 @@ The model is evaluated in passes over all pixels: the ones without branches run 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
-from omm_core.targets.conic.outline import square_root
+from omm_core.targets.conic.outline import COL, ROW, XX, XY, YY, square_root
+
+Floats = NDArray[np.float64]
 
 PARAMETERS = 12
-"""col, row, xx, xy, yy, s, f0, fx, fy, b0, bx, by (slopes per dot radius)."""
+BLUR, F0, FX, FY, B0, BX, BY = range(5, PARAMETERS)
+"""After the conic's COL, ROW, XX, XY, YY: s, and the planes F and B (slopes per dot radius)."""
+SET_PIXELS, SET_SQUARES, CLEAR_PIXELS, CLEAR_SQUARES, CHI2, PIXELS = range(6)
+"""Statistics: pixels and sum of squares of each half, χ² and pixels in all."""
+
+
+class Ring(NamedTuple):
+    """The ring around a dot: inner radius (dot radii), bits, where they begin (rad)."""
+
+    inner: float
+    bits: NDArray[np.int64]
+    phase: float
+
+
+class Noise(NamedTuple):
+    """The variance of a grey value I is read + gain I; from saturation on it says "at least"."""
+
+    read: float
+    gain: float
+    saturation: float
+
+
+class Window(NamedTuple):
+    """Where the slopes' coordinates begin, the root A of the start's ellipse, its size (px)."""
+
+    x0: float
+    y0: float
+    a11: float
+    a12: float
+    a22: float
+    r0: float
+    reach: float
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+def window_of(start):
+    """Return the window of an outline."""
+    a11, a12, a22 = square_root(start[XX], start[XY], start[YY])
+    r0 = math.sqrt(a11 * a22 - a12 * a12)
+    reach = max(math.sqrt(a11 * a11 + a12 * a12), math.sqrt(a12 * a12 + a22 * a22))
+    return Window(start[COL], start[ROW], a11, a12, a22, r0, reach)
+
+
 _ROOT2 = math.sqrt(2.0)
 
 
@@ -79,28 +125,28 @@ def sort_pixels(image, start, p, inner, below, pixels, flat):
     Number of pixels written.
     """
     height, width = image.shape
-    x0, y0, xx, xy, yy = start[0], start[1], start[2], start[3], start[4]
+    x0, y0, xx, xy, yy = start[COL], start[ROW], start[XX], start[XY], start[YY]
     a11, a12, a22 = square_root(xx, xy, yy)
     r0 = math.sqrt(a11 * a22 - a12 * a12)
     small = 0.5 * (a11 + a22 - math.sqrt((a11 - a22) ** 2 + 4.0 * a12 * a12))
     reach = 1.0 + 0.6 * (inner - 1.0)
-    inside = max(1.0 - 4.2 * p[5] / small, 0.0) ** 2
-    outside = (1.0 + 4.2 * p[5] / small) ** 2
-    before_ring = max(inner - 4.2 * p[5] / small, 0.0) ** 2
+    inside = max(1.0 - 4.2 * p[BLUR] / small, 0.0) ** 2
+    outside = (1.0 + 4.2 * p[BLUR] / small) ** 2
+    before_ring = max(inner - 4.2 * p[BLUR] / small, 0.0) ** 2
     reach_x, reach_y = reach * math.sqrt(a11**2 + a12**2), reach * math.sqrt(a12**2 + a22**2)
     c_lo, c_hi = max(int(x0 - reach_x), 0), min(int(x0 + reach_x) + 2, width)
     r_lo, r_hi = max(int(y0 - reach_y), 0), min(int(y0 + reach_y) + 2, height)
     flat[:] = 0.0
     used = 0
     for row in range(r_lo, r_hi):
-        wy, dy = row - y0, row - p[1]
+        wy, dy = row - y0, row - p[ROW]
         ty = wy / r0
         for col in range(c_lo, c_hi):
-            wx, dx = col - x0, col - p[0]
+            wx, dx = col - x0, col - p[COL]
             # The window stays where the start put it.
             if xx * wx * wx + 2.0 * xy * wx * wy + yy * wy * wy > reach * reach:
                 continue
-            square = p[2] * dx * dx + 2.0 * p[3] * dx * dy + p[4] * dy * dy
+            square = p[XX] * dx * dx + 2.0 * p[XY] * dx * dy + p[YY] * dy * dy
             value = image[row, col] + 0.0
             if inside <= square <= outside or square >= before_ring or not 0.0 < value < below:
                 pixels[0, used], pixels[1, used], pixels[2, used] = col, row, value
@@ -129,9 +175,9 @@ in px, distance outside of the edge (px), share of the pixel that is set, slope 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
 def place(pixels, used, p, geometry):
     """Fill in where the pixels lie with respect to the dot's edge."""
-    s = p[5]
-    bulge = 0.5 * s * s * (p[2] * p[4] - p[3] * p[3])
-    x, y, xx, xy, yy = p[0], p[1], p[2], p[3], p[4]
+    s = p[BLUR]
+    bulge = 0.5 * s * s * (p[XX] * p[YY] - p[XY] * p[XY])
+    x, y, xx, xy, yy = p[COL], p[ROW], p[XX], p[XY], p[YY]
     for i in range(used):
         dx, dy = pixels[0, i] - x, pixels[1, i] - y
         mx, my = xx * dx + xy * dy, xy * dx + yy * dy
@@ -143,9 +189,11 @@ def place(pixels, used, p, geometry):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def shares(pixels, geometry, used, p, a11, a12, a22, inner, bits, phase):
+def shares(pixels, geometry, used, p, window, ring):
     """Fill in how much of each pixel is set."""
-    s = p[5]
+    s = p[BLUR]
+    inner, bits, phase = ring.inner, ring.bits, ring.phase
+    a11, a12, a22 = window.a11, window.a12, window.a22
     area = a11 * a22 - a12 * a12
     for i in range(used):
         rho, length = geometry[RHO, i], geometry[LENGTH, i]
@@ -157,21 +205,23 @@ def shares(pixels, geometry, used, p, a11, a12, a22, inner, bits, phase):
         else:
             share, slope = _phi_and_slope(z)
         if (rho - inner) * length > -5.0 * s:
-            dx, dy = pixels[0, i] - p[0], pixels[1, i] - p[1]
+            dx, dy = pixels[0, i] - p[COL], pixels[1, i] - p[ROW]
             u, v = (a22 * dx - a12 * dy) / area, (a11 * dy - a12 * dx) / area
             share += _ring_share(u, v, rho, length, inner, s, bits, phase)
         geometry[SHARE, i], geometry[SLOPE, i] = share, slope
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
-def find_clipped(pixels, geometry, used, p, x0, y0, r0, read, gain, saturation, by_value, clipped):
+def find_clipped(pixels, geometry, used, p, window, noise, by_value, clipped):
     """Return which pixels say only "at least" (or "at most"), and whether any do."""
+    x0, y0, r0 = window.x0, window.y0, window.r0
+    read, gain, saturation = noise.read, noise.gain, noise.saturation
     some = False
     for i in range(used):
         value, share = pixels[2, i], geometry[SHARE, i]
         tx, ty = (pixels[0, i] - x0) / r0, (pixels[1, i] - y0) / r0
-        f = p[6] + p[7] * tx + p[8] * ty
-        b = p[9] + p[10] * tx + p[11] * ty
+        f = p[F0] + p[FX] * tx + p[FY] * ty
+        b = p[B0] + p[BX] * tx + p[BY] * ty
         model = b + (f - b) * share
         sigma = math.sqrt(read + gain * max(model, 0.0))
         high = value > saturation - 4.5 * sigma
@@ -183,11 +233,12 @@ def find_clipped(pixels, geometry, used, p, x0, y0, r0, read, gain, saturation, 
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
-def linearise(pixels, geometry, used, p, x0, y0, r0, read, gain, clipped, rows, rests, statistics):
+def linearise(pixels, geometry, used, p, window, noise, clipped, rows, rests, statistics):
     """Fill weighted derivatives (12, N) and residuals (N,), 0 where clipped, and statistics."""
-    x, y, xx, xy, yy = p[0], p[1], p[2], p[3], p[4]
-    f0, fx, fy, b0, bx, by = p[6], p[7], p[8], p[9], p[10], p[11]
-    per_s, per_r0 = 1.0 / p[5], 1.0 / r0
+    x0, y0, r0, read, gain = window.x0, window.y0, window.r0, noise.read, noise.gain
+    x, y, xx, xy, yy = p[COL], p[ROW], p[XX], p[XY], p[YY]
+    f0, fx, fy, b0, bx, by = p[F0], p[FX], p[FY], p[B0], p[BX], p[BY]
+    per_s, per_r0 = 1.0 / p[BLUR], 1.0 / r0
     set_pixels = clear_pixels = set_squares = clear_squares = chi2 = 0.0
     for i in range(used):
         dx, dy = pixels[0, i] - x, pixels[1, i] - y
@@ -211,12 +262,12 @@ def linearise(pixels, geometry, used, p, x0, y0, r0, read, gain, clipped, rows, 
         steep = (f - b) * geometry[SLOPE, i] * per_s * root
         bend = -0.5 * steep * per_norm
         on, off = root * share, root * (1.0 - share)
-        rows[0, i], rows[1, i] = steep * mx * per_norm, steep * my * per_norm
-        rows[2, i], rows[3, i], rows[4, i] = bend * dx * dx, 2.0 * bend * dx * dy, bend * dy * dy
-        rows[5, i] = steep * geometry[DISTANCE, i] * per_s
-        rows[6, i], rows[7, i], rows[8, i] = on, on * tx, on * ty
-        rows[9, i], rows[10, i], rows[11, i] = off, off * tx, off * ty
+        rows[COL, i], rows[ROW, i] = steep * mx * per_norm, steep * my * per_norm
+        rows[XX, i], rows[XY, i], rows[YY, i] = bend * dx * dx, 2.0 * bend * dx * dy, bend * dy * dy
+        rows[BLUR, i] = steep * geometry[DISTANCE, i] * per_s
+        rows[F0, i], rows[FX, i], rows[FY, i] = on, on * tx, on * ty
+        rows[B0, i], rows[BX, i], rows[BY, i] = off, off * tx, off * ty
         rests[i] = rest
-    statistics[0], statistics[1] = set_pixels, set_squares
-    statistics[2], statistics[3] = clear_pixels, clear_squares
-    statistics[4], statistics[5] = chi2, set_pixels + clear_pixels
+    statistics[SET_PIXELS], statistics[SET_SQUARES] = set_pixels, set_squares
+    statistics[CLEAR_PIXELS], statistics[CLEAR_SQUARES] = clear_pixels, clear_squares
+    statistics[CHI2], statistics[PIXELS] = chi2, set_pixels + clear_pixels

@@ -10,6 +10,8 @@ import numpy as np
 from omm_core.numerics.linear_algebra import solve_damped
 
 OUTLINE_RAYS = 48
+COL, ROW, XX, XY, YY, LEVEL_IN, LEVEL_OUT, OFF, WIDTH = range(9)
+"""What `outline` returns at each place; a conic is the first five."""
 MIN_RADIUS_PX = 1.8
 """Smaller semi-axis from which on a ring can be read."""
 
