@@ -39,13 +39,6 @@ def simulated_cell(
     frames = {"frame_prefix": f"{namespace.lstrip('/')}/"} if namespace else {}
     # A real LinuxCNC with simulated drives, which the bridge starts and ends.
     started = {"linuxcnc_cell": "three_axis_mill"} if control == "linuxcnc" else {}
-    # A camera that speaks the real protocol, in a process of its own.
-    simulator = NodeSpec(
-        package="omm_camera_driver",
-        executable="gige_simulator_node",
-        name="gige_simulator",
-        parameters={"address": GIGE_ADDRESS, **drawn},
-    )
     specs = (
         NodeSpec(
             package="omm_recorder",
@@ -60,20 +53,7 @@ def simulated_cell(
             name="estimator",
             parameters={**known, **frames},
         ),
-        *((simulator,) if camera == "gige" else ()),
-        NodeSpec(
-            package="omm_camera_driver",
-            executable="camera_node",
-            name="camera",
-            parameters={
-                "driver": camera,
-                "device": GIGE_ADDRESS if camera == "gige" else "",
-                "calibration_file": calibration_file,
-                "trigger": "software",
-                **drawn,
-                **frames,
-            },
-        ),
+        *_camera_nodes(camera, calibration_file, drawn, frames),
         NodeSpec(
             package="omm_cnc_bridge",
             executable="cnc_bridge_node",
@@ -88,6 +68,32 @@ def simulated_cell(
         ),
     )
     return tuple(replace(spec, namespace=namespace) for spec in specs)
+
+
+def _camera_nodes(
+    camera: str, calibration_file: str, drawn: dict[str, str | int], frames: dict[str, str]
+) -> tuple[NodeSpec, ...]:
+    # A camera that speaks the real protocol, in a process of its own.
+    simulator = NodeSpec(
+        package="omm_camera_driver",
+        executable="gige_simulator_node",
+        name="gige_simulator",
+        parameters={"address": GIGE_ADDRESS, **drawn},
+    )
+    node = NodeSpec(
+        package="omm_camera_driver",
+        executable="camera_node",
+        name="camera",
+        parameters={
+            "driver": camera,
+            "device": GIGE_ADDRESS if camera == "gige" else "",
+            "calibration_file": calibration_file,
+            "trigger": "software",
+            **drawn,
+            **frames,
+        },
+    )
+    return (simulator, node) if camera == "gige" else (node,)
 
 
 def operators_page(run_folder: Path, *, port: int, stops: int) -> NodeSpec:

@@ -42,23 +42,11 @@ def station(
     InputError
         A file is missing.
     """
-    for name, path in (("part_file", part_file), ("calibration_file", calibration_file)):
-        if not path or not Path(path).is_file():
-            raise InputError(f"{name}: expected a file, got {path!r}.")
+    files = _resolved(part_file=part_file, calibration_file=calibration_file)
     frames = {"frame_prefix": f"{namespace.strip('/')}/"} if namespace else {}
-    files = {"part_file": str(Path(part_file).resolve())}
-    files["calibration_file"] = str(Path(calibration_file).resolve())
     machine = {"machine_file": str(Path(machine_file).resolve())} if machine_file else {}
-    recorder = NodeSpec(
-        package="omm_recorder",
-        executable="recorder_node",
-        name="recorder",
-        namespace=namespace,
-        parameters={**files, **({"folder": folder} if folder else {})},
-        ends_first=True,
-    )
     return (
-        *((recorder,) if record else ()),
+        *((_recorder(files, folder, namespace),) if record else ()),
         NodeSpec(
             package="omm_estimator",
             executable="estimator_node",
@@ -82,6 +70,25 @@ def station(
             parameters={**machine, **frames},
             parameter_file=parameter_file("control", control, CONTROLS),
         ),
+    )
+
+
+def _resolved(**paths: str) -> dict[str, str]:
+    """Return absolute paths; raise InputError where a file is missing."""
+    for name, path in paths.items():
+        if not path or not Path(path).is_file():
+            raise InputError(f"{name}: expected a file, got {path!r}.")
+    return {name: str(Path(path).resolve()) for name, path in paths.items()}
+
+
+def _recorder(files: dict[str, str], folder: str, namespace: str) -> NodeSpec:
+    return NodeSpec(
+        package="omm_recorder",
+        executable="recorder_node",
+        name="recorder",
+        namespace=namespace,
+        parameters={**files, **({"folder": folder} if folder else {})},
+        ends_first=True,
     )
 
 

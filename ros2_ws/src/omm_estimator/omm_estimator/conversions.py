@@ -98,7 +98,17 @@ def estimate_message(
         math.nan if noise is None else noise.geometry_sigma_mm.median / MM_PER_M
     )
     message.machine_estimated = [] if noise is None else list(noise.estimated)
-    message.images = [
+    message.images = _images(result)
+    message.targets = [
+        TargetStatus(id=target_id, images=images)
+        for target_id, images in result.images_per_target.items()
+    ]
+    message.observations = _residuals(result)
+    return message
+
+
+def _images(result: MeasurementResult) -> list[ImageStatus]:
+    return [
         ImageStatus(
             stamp=time_from_ns(i.stamp_ns),
             used=i.used,
@@ -108,11 +118,10 @@ def estimate_message(
         )
         for i in result.images
     ]
-    message.targets = [
-        TargetStatus(id=target_id, images=images)
-        for target_id, images in result.images_per_target.items()
-    ]
-    message.observations = [
+
+
+def _residuals(result: MeasurementResult) -> list[ResidualStatus]:
+    return [
         ResidualStatus(
             stamp=time_from_ns(o.stamp_ns),
             target_id=o.target_id,
@@ -125,7 +134,6 @@ def estimate_message(
         )
         for o in result.observations
     ]
-    return message
 
 
 def pose_message(result: MeasurementResult) -> PoseWithCovarianceStamped:

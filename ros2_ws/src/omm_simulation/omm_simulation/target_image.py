@@ -179,8 +179,9 @@ def _half_plane(distance, a, b):
 
 
 @numba.njit(cache=True, nogil=True)
-def _cover(x, y, jxu, jxv, jyu, jyv, dot, inner, outer, bits, phase):
-    """Return the coverage of one cell around (x, y); j..: its sides in the plane."""
+def _cover(x, y, sides, dot, inner, outer, bits, phase):
+    """Return the coverage of one cell around (x, y) with its sides in the plane."""
+    jxu, jxv, jyu, jyv = sides
     r = math.sqrt(x * x + y * y)
     if r < 1e-9:
         return 1.0
@@ -228,7 +229,8 @@ def _target_cells(x, y, k, dot, inner, outer, bits, phase):
                     u = (j + 0.5) / k - 0.5
                     px = x[r, c] + xu * u + xv * v + 0.5 * (xuu * u * u + xvv * v * v) + xuv * u * v
                     py = y[r, c] + yu * u + yv * v + 0.5 * (yuu * u * u + yvv * v * v) + yuv * u * v
+                    sides = (xu / k, xv / k, yu / k, yv / k)
                     fine[(r - 1) * k + i, (c - 1) * k + j] = _cover(
-                        px, py, xu / k, xv / k, yu / k, yv / k, dot, inner, outer, bits, phase
+                        px, py, sides, dot, inner, outer, bits, phase
                     )
     return fine

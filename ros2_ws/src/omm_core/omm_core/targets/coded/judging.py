@@ -157,8 +157,8 @@ def _number(family: TargetFamily, seen: _Seen, sign: int) -> RingReading | Refus
         lean=seen.lean,
         sign=sign,
         bits=seen.bits,
-        phase_rad=float(seen.facts[0]),
-        margin=float(seen.facts[1]),
+        phase_rad=float(seen.facts[reading.PHASE]),
+        margin=float(seen.facts[reading.MARGIN]),
         uneven=seen.uneven,
     )
 
@@ -224,7 +224,7 @@ def _uneven(image: NDArray[Any], family: TargetFamily, candidate: Floats) -> _Se
 
 def _ring_error(facts: Floats) -> float:
     """Return the RMS of the ring as seen less as its bits say; NaN outside the image."""
-    if math.isnan(facts[0]):
+    if math.isnan(facts[reading.PHASE]):
         return math.nan
-    unread = facts[1] < 0.1 or facts[7] < 0.5
-    return 1.0 if unread else float(facts[3])
+    unread = facts[reading.MARGIN] < 0.1 or facts[reading.LARGEST] < 0.5
+    return 1.0 if unread else float(facts[reading.PROFILE_RMS])

@@ -3,13 +3,30 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numba
 import numpy as np
 
-from omm_core.targets.conic.outline import between, dot_outline, inside, square_root, within_any
+from omm_core.targets.conic.outline import (
+    COL,
+    LEVEL_IN,
+    LEVEL_OUT,
+    ROW,
+    WIDTH,
+    XX,
+    XY,
+    YY,
+    between,
+    dot_outline,
+    inside,
+    square_root,
+    within_any,
+)
 
 FACTS = 9
+PHASE, MARGIN, SECTOR_ERROR, PROFILE_RMS, GAP, BEFORE, BEYOND, LARGEST, STANDS_OUT = range(FACTS)
+"""Places of the facts of `read_ring`."""
 SAMPLES = 8
 """Samples of the ring per sector."""
 MAX_GAP = 0.45
@@ -142,6 +159,135 @@ def expected_profile(a11, a12, a22, inner, outer, bits, phase, s, radii, count):
     return profile
 
 
+class View(NamedTuple):
+    """How a ring is seen.
+
+    The dot's centre and root A, the perspective's share (see `ring_profile`), the ring's radii in
+    dot radii, the blur in px.
+    """
+
+    col: float
+    row: float
+    a11: float
+    a12: float
+    a22: float
+    lean_x: float
+    lean_y: float
+    inner: float
+    outer: float
+    s: float
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _profile(image, view, radii, count):
+    return ring_profile(
+        image, view.col, view.row, view.a11, view.a12, view.a22, view.lean_x, view.lean_y,
+        radii, count,
+    )  # fmt: skip
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _expected(view, bits, phase, radii, count):
+    return expected_profile(
+        view.a11, view.a12, view.a22, view.inner, view.outer, bits, phase, view.s, radii, count
+    )
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _set_bits(view, values, radii, bits, facts):
+    """Fill the bits from the sectors' means, with margin and largest value."""
+    bits[:] = 1
+    places = np.int64(16)
+    all_set = _expected(view, bits, 0.0, radii, places)
+    level = 0.0
+    for i in range(places):
+        level += all_set[i] / places
+    facts[MARGIN] = math.inf
+    for b in range(len(bits)):
+        value = values[b] / level
+        facts[LARGEST] = max(facts[LARGEST], value) if b > 0 else value
+        facts[MARGIN] = min(facts[MARGIN], abs(value - 0.5))
+        bits[b] = 1 if value > 0.5 else 0
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _set_errors(view, ring, phase, radii, bits, facts):
+    """Fill how far the profile is off what the bits let expect, and return it."""
+    count = len(ring)
+    error = _expected(view, bits, facts[PHASE], radii, count)
+    for i in range(count):
+        error[i] = ring[i] - error[i]
+        facts[PROFILE_RMS] += error[i] * error[i] / count
+    facts[PROFILE_RMS] = math.sqrt(facts[PROFILE_RMS])
+    start = int(phase + 0.5)
+    for b in range(len(bits)):
+        total = 0.0
+        for k in range(SAMPLES):
+            total += error[(start + b * SAMPLES + k) % count] / SAMPLES
+        facts[SECTOR_ERROR] = max(facts[SECTOR_ERROR], abs(total))
+    return error
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _set_beside(image, view, wider, light, phase, bits, facts):
+    """Fill what is still set before and beyond the ring; return what lies behind it.
+
+    Beyond the ring two places are looked at: what is bright around a label may reach the outer.
+    """
+    bases, heights = light
+    n, count = len(bits), len(bases) // 2
+    at = np.empty(1)
+    still = np.zeros((2, count))
+    still[:] = math.inf
+    seen = np.empty(0)
+    for place in range(3):
+        before = view.inner - 0.3 - wider
+        at[0] = before if place == 0 else view.outer + (0.2 if place == 1 else 0.35)
+        seen = _profile(image, view, at, count)
+        expected = _expected(view, bits, facts[PHASE], at, count)
+        side = min(place, 1)
+        for i in range(count):
+            if not math.isnan(seen[i]):
+                rest = (seen[i] - bases[2 * i]) / heights[2 * i] - expected[i]
+                still[side, i] = min(still[side, i], rest)
+    for side in range(2):
+        on = total = 0.0
+        for i in range(count):
+            sector = math.floor((2 * i + 1 - phase) / SAMPLES) % n
+            if bits[sector] == 1 and still[side, i] < math.inf:
+                total += 1.0
+                on += still[side, i] > 0.4
+        facts[BEFORE + side] = on / total if total > 0.0 else 0.0
+    return seen
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _look_beside(image, view, levels, ring, error, light, phase, bits, facts):
+    """Fill what gap, dot, and the places before and beyond the ring say against it."""
+    bases, heights = light
+    dot_level, height = levels[0], levels[0] - levels[1]
+    count = len(ring) // 2
+    at = np.empty(1)
+    at[0] = 1.0 + 0.5 * (view.inner - 1.0)
+    gap = _profile(image, view, at, count)
+    for i in range(count):
+        facts[GAP] = max(facts[GAP], abs(gap[i] - bases[2 * i]) / heights[2 * i])
+    # Where the dot is saturated, all that is bright looks wider, by up to about s.
+    highest = 254.5 if image.itemsize == 1 else 65534.5
+    area = view.a11 * view.a22 - view.a12 * view.a12
+    wider = view.s / math.sqrt(area) if not 0.5 < dot_level < highest else 0.0
+    behind = _set_beside(image, view, wider, light, phase, bits, facts)
+    # What blur brings over from set sectors, of which a saturated one is brighter than it looks.
+    over = 2.0 if wider > 0.0 else 1.0
+    for i in range(2 * count):
+        ring[i] = bases[i] + heights[i] * (ring[i] - over * (ring[i] - error[i]))
+    at[0] = 0.65
+    dot = _profile(image, view, at, count)
+    for i in range(count):
+        dot[i] = (dot[i] - gap[i]) / height
+    facts[STANDS_OUT] = _shaded(ring, gap, behind, dot, bits, phase, 1 if height > 0.0 else -1)
+
+
 @numba.njit(cache=True, error_model="numpy")
 def read_ring(image, shape, lean, light, inner, outer, bits_count):
     """Read the ring around a dot and everything that speaks for or against it.
@@ -156,100 +302,45 @@ def read_ring(image, shape, lean, light, inner, outer, bits_count):
     Returns
     -------
     bits : (n,) 0/1, clockwise from the phase.
-    facts : (FACTS,) phase (rad); margin of the most doubtful sector; largest error of a sector's
-        mean and RMS error of the profile against what the bits let expect; largest deviation in the
-        gap; shares of set samples that are still set before the ring and beyond it; largest value
-        of a sector; by how much more than noise may do a clear sector stands out of its sides.
-        NaN phase where the image's border cuts the ring.
+    facts : (FACTS,) PHASE (rad), NaN where the image's border cuts the ring; MARGIN of the most
+        doubtful sector; SECTOR_ERROR and PROFILE_RMS, the largest error of a sector's mean and the
+        RMS error of the profile against what the bits let expect; GAP, the largest deviation there;
+        BEFORE and BEYOND, shares of set samples that are still set before the ring and beyond it;
+        LARGEST value of a sector; STANDS_OUT, by how much more than noise may do a clear sector
+        stands out of its sides.
     """
-    n = bits_count
-    bits = np.zeros(n, dtype=np.int64)
+    bits = np.zeros(bits_count, dtype=np.int64)
     facts = np.zeros(FACTS)
-    count = n * SAMPLES
-    a11, a12, a22 = square_root(shape[2], shape[3], shape[4])
-    col, row, base, height = shape[0], shape[1], shape[6], shape[5] - shape[6]
-    s = max(shape[8], 0.4)
+    count = bits_count * SAMPLES
+    a11, a12, a22 = square_root(shape[XX], shape[XY], shape[YY])
+    base, height = shape[LEVEL_OUT], shape[LEVEL_IN] - shape[LEVEL_OUT]
+    s = max(shape[WIDTH], 0.4)
+    view = View(shape[COL], shape[ROW], a11, a12, a22, lean[0], lean[1], inner, outer, s)
     middle, spread = 0.5 * (inner + outer), 0.25 * (outer - inner)
     radii = np.empty(3)
     radii[0], radii[1], radii[2] = middle - spread, middle, middle + spread
-    ring = ring_profile(image, col, row, a11, a12, a22, lean[0], lean[1], radii, count)
+    ring = _profile(image, view, radii, count)
     for i in range(count):
         if math.isnan(ring[i]):
-            facts[0] = math.nan
+            facts[PHASE] = math.nan
             return bits, facts
     bases, heights = np.full(count, base), np.full(count, height)
     for i in range(light.shape[1]):
         bases[i], heights[i] = light[0, i], light[1, i]
     for i in range(count):
         ring[i] = (ring[i] - bases[i]) / heights[i]
-    values, phase = read_bits(ring, n)
-    bits[:] = 1
-    places = np.int64(16)
-    all_set = expected_profile(a11, a12, a22, inner, outer, bits, 0.0, s, radii, places)
-    level = 0.0
-    for i in range(places):
-        level += all_set[i] / places
-    facts[1] = math.inf
-    for b in range(n):
-        value = values[b] / level
-        facts[7] = max(facts[7], value) if b > 0 else value
-        facts[1] = min(facts[1], abs(value - 0.5))
-        bits[b] = 1 if value > 0.5 else 0
-    facts[0] = phase * 2.0 * math.pi / count
-    if facts[7] < 0.5 or facts[1] < 0.1:
-        facts[3] = 1.0 if facts[1] >= 0.1 else 0.0
+    values, phase = read_bits(ring, bits_count)
+    _set_bits(view, values, radii, bits, facts)
+    facts[PHASE] = phase * 2.0 * math.pi / count
+    if facts[LARGEST] < 0.5 or facts[MARGIN] < 0.1:
+        facts[PROFILE_RMS] = 1.0 if facts[MARGIN] >= 0.1 else 0.0
         return bits, facts
-    error = expected_profile(a11, a12, a22, inner, outer, bits, facts[0], s, radii, count)
-    for i in range(count):
-        error[i] = ring[i] - error[i]
-        facts[3] += error[i] * error[i] / count
-    facts[3] = math.sqrt(facts[3])
-    start = int(phase + 0.5)
-    for b in range(n):
-        total = 0.0
-        for k in range(SAMPLES):
-            total += error[(start + b * SAMPLES + k) % count] / SAMPLES
-        facts[2] = max(facts[2], abs(total))
-    if facts[1] < MIN_MARGIN or facts[2] > MAX_SECTOR_ERROR or facts[3] > MAX_PROFILE_RMS:
+    error = _set_errors(view, ring, phase, radii, bits, facts)
+    off = facts[SECTOR_ERROR] > MAX_SECTOR_ERROR or facts[PROFILE_RMS] > MAX_PROFILE_RMS
+    if facts[MARGIN] < MIN_MARGIN or off:
         return bits, facts  # refused anyway
-    count //= 2
-    at = np.empty(1)
-    at[0] = 1.0 + 0.5 * (inner - 1.0)
-    gap = ring_profile(image, col, row, a11, a12, a22, lean[0], lean[1], at, count)
-    for i in range(count):
-        facts[4] = max(facts[4], abs(gap[i] - bases[2 * i]) / heights[2 * i])
-    # Where the dot is saturated, all that is bright looks wider, by up to about s.
-    highest = 254.5 if image.itemsize == 1 else 65534.5
-    wider = s / math.sqrt(a11 * a22 - a12 * a12) if not 0.5 < shape[5] < highest else 0.0
-    # Beyond the ring two places are looked at: what is bright around a label may reach the outer.
-    still = np.zeros((2, count))
-    still[:] = math.inf
-    for place in range(3):
-        at[0] = inner - 0.3 - wider if place == 0 else outer + (0.2 if place == 1 else 0.35)
-        seen = ring_profile(image, col, row, a11, a12, a22, lean[0], lean[1], at, count)
-        expected = expected_profile(a11, a12, a22, inner, outer, bits, facts[0], s, at, count)
-        side = min(place, 1)
-        for i in range(count):
-            if not math.isnan(seen[i]):
-                rest = (seen[i] - bases[2 * i]) / heights[2 * i] - expected[i]
-                still[side, i] = min(still[side, i], rest)
-    for side in range(2):
-        on = total = 0.0
-        for i in range(count):
-            sector = math.floor((2 * i + 1 - phase) / SAMPLES) % n
-            if bits[sector] == 1 and still[side, i] < math.inf:
-                total += 1.0
-                on += still[side, i] > 0.4
-        facts[5 + side] = on / total if total > 0.0 else 0.0
-    # What blur brings over from set sectors, of which a saturated one is brighter than it looks.
-    over = 2.0 if wider > 0.0 else 1.0
-    for i in range(2 * count):
-        ring[i] = bases[i] + heights[i] * (ring[i] - over * (ring[i] - error[i]))
-    at[0] = 0.65
-    dot = ring_profile(image, col, row, a11, a12, a22, lean[0], lean[1], at, count)
-    for i in range(count):
-        dot[i] = (dot[i] - gap[i]) / height
-    facts[8] = _shaded(ring, gap, seen, dot, bits, phase, 1 if height > 0.0 else -1)
+    levels = (shape[LEVEL_IN], shape[LEVEL_OUT])
+    _look_beside(image, view, levels, ring, error, (bases, heights), phase, bits, facts)
     return bits, facts
 
 
@@ -297,19 +388,19 @@ NONE, CUT, NO_RING, UNCLEAR, COVERED, FILLED, OTHER_WIDTH, SHADED, NO_DOT = rang
 @numba.njit(cache=True, error_model="numpy")
 def doubt(facts):
     """Return what speaks against a ring, from the facts of `read_ring`."""
-    if math.isnan(facts[0]):
+    if math.isnan(facts[PHASE]):
         return CUT
-    if facts[7] < 0.5 or facts[3] > 2.0 * MAX_PROFILE_RMS:
+    if facts[LARGEST] < 0.5 or facts[PROFILE_RMS] > 2.0 * MAX_PROFILE_RMS:
         return NO_RING
-    if facts[1] < MIN_MARGIN:
+    if facts[MARGIN] < MIN_MARGIN:
         return UNCLEAR
-    if facts[2] > MAX_SECTOR_ERROR or facts[3] > MAX_PROFILE_RMS:
+    if facts[SECTOR_ERROR] > MAX_SECTOR_ERROR or facts[PROFILE_RMS] > MAX_PROFILE_RMS:
         return COVERED
-    if facts[4] > MAX_GAP:
+    if facts[GAP] > MAX_GAP:
         return FILLED
-    if max(facts[5], facts[6]) > MAX_BESIDE:
+    if max(facts[BEFORE], facts[BEYOND]) > MAX_BESIDE:
         return OTHER_WIDTH
-    if facts[8] > 1.0:
+    if facts[STANDS_OUT] > 1.0:
         return SHADED
     return NONE
 

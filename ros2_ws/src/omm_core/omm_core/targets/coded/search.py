@@ -56,7 +56,7 @@ def find_dots(half, step, most_step, contrast, max_run, gap_ratio, read_ratio, f
     edge_x, edge_d = np.empty(width, dtype=np.int64), np.empty(width, dtype=np.int64)
     # Typed, so that what is called is compiled for one type only.
     count = np.int64(0)
-    least_step, least_contrast = step, contrast
+    least_step, least_contrast, ratios = step, contrast, (gap_ratio, read_ratio)
     # Every second row: of a dot's rows at least two next to each other pass as its middle.
     for y in range(2, height - 2, 2):
         row = half[y]
@@ -71,33 +71,13 @@ def find_dots(half, step, most_step, contrast, max_run, gap_ratio, read_ratio, f
                 left = edge_x[k - 1]
                 if 2 <= x - left <= max_run:
                     count = _test_run(
-                        half,
-                        left,
-                        x,
-                        y,
-                        peak < 0,
-                        contrast,
-                        gap_ratio,
-                        read_ratio,
-                        seen,
-                        found,
-                        count,
+                        half, left, x, y, peak < 0, contrast, ratios, seen, found, count
                     )
             # What lies within the dot may have edges too: the outer ones are stronger.
             outer = strong != 0 and strong_x != edge_x[k - 1] and (strong > 0) != (peak > 0)
             if outer and 2 <= x - strong_x <= max_run and 3 * abs(peak) >= abs(strong):
                 count = _test_run(
-                    half,
-                    strong_x,
-                    x,
-                    y,
-                    peak < 0,
-                    contrast,
-                    gap_ratio,
-                    read_ratio,
-                    seen,
-                    found,
-                    count,
+                    half, strong_x, x, y, peak < 0, contrast, ratios, seen, found, count
                 )
             if 3 * abs(peak) >= abs(strong) or x - strong_x > max_run:
                 strong_x, strong = x, peak
@@ -130,8 +110,9 @@ def _edges(row, steep, eights, edge_x, edge_d):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _test_run(half, left, right, y, bright, contrast, gap_ratio, read_ratio, seen, found, count):
+def _test_run(half, left, right, y, bright, contrast, ratios, seen, found, count):
     height, width = half.shape
+    gap_ratio, read_ratio = ratios
     x = (left + right) >> 1
     sign = 1 if bright else -1
     if seen[y >> 1, x >> 1] or count >= len(found):

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from omm_core.targets.coded.reading import (
     FACTS,
     NONE,
+    PHASE,
     SAMPLES,
     doubt,
     read_bits,
@@ -256,7 +257,7 @@ def read_uneven(image, shape, sign, unit, ring, bits_count, light):
     facts, bits = np.zeros(FACTS), np.zeros(n, dtype=np.int64)
     for i in range(count):
         if math.isnan(seen[i]) or math.isnan(behind[i]):
-            facts[0] = math.nan
+            facts[PHASE] = math.nan
             return bits, facts, False
     # Borders between sectors are as steep in the dark: it is the proportion that counts.
     proportion = np.empty(count)
