@@ -39,8 +39,6 @@ TOO_LONG: set[str] = {
     "omm_core/targets/coded/search.py:_ellipse",
     "omm_core/targets/coded/uneven.py:_ellipse",
     "omm_core/targets/coded/uneven.py:read_uneven",
-    "omm_core/targets/conic/outline.py:outline",
-    "omm_ros/node_main.py:run_node",
 }
 TOO_MANY_ARGUMENTS: set[str] = set()
 
