@@ -7,6 +7,7 @@ import pytest
 
 from omm_core.camera_calibration.cmm import calibrate_by_places
 from omm_core.camera_calibration.model import Sensor, project_with_derivatives
+from omm_core.camera_calibration.patterns import planes_of
 from omm_core.errors import MeasurementError
 from omm_core.geometry import rotation_from_euler_xyz_rad
 from omm_core.imaging.circle import (
@@ -234,3 +235,22 @@ def test_a_lens_term_that_the_model_lacks_is_named_with_its_size():
     affinity = next(t for t in result.extra["further_terms"] if t["name"] == "affinity")
     assert affinity["value"] == pytest.approx(1e-4, abs=5 * affinity["sigma"] + 1e-5)
     assert any("misses affinity" in words for words in result.findings)
+
+
+def test_a_ring_shaped_error_is_a_pattern_and_noise_is_none():
+    places = places_before(TRUTH)
+    good = calibrate(TRUTH, places, 6)
+    assert {p["by"]: p["groups"] for p in good.extra["patterns"]}["ring"] == 6
+    assert all(min(p["radial_p"], p["tangential_p"]) > 1e-4 for p in good.extra["patterns"])
+    pixels = np.array([o.pixel for o in good.observations])
+    offset = pixels - SENSOR.lens(TRUTH).principal_point_px
+    radius = np.linalg.norm(offset, axis=1, keepdims=True)
+    # A ripple that neither k1 nor k2 can follow.
+    wavy = pixels + 0.06 * np.sin(radius / 90.0) * offset / radius
+    result = calibrate(TRUTH, places, 6, pixels=wavy)
+    assert any("radial residuals differ by ring" in words for words in result.findings)
+
+
+def test_planes_are_told_apart_by_the_gaps_between_them():
+    heights = np.array([0.0, 100.2, 0.3, 99.9, 50.0, 50.4])
+    assert planes_of(heights).tolist() == [0, 2, 0, 2, 1, 1]

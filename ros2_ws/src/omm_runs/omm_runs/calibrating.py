@@ -16,6 +16,7 @@ from omm_core.camera_calibration.machine import calibrate_by_run
 from omm_core.camera_calibration.model import PARAMETERS, Sensor, project_with_derivatives
 from omm_core.camera_calibration.result import CalibrationResult
 from omm_core.camera_calibration.single_dot import PlainDot
+from omm_core.errors import InputError
 from omm_core.files.calibration_set import CmmSet, MachineSet, load_calibration_set
 from omm_core.files.camera_writing import camera_yaml
 from omm_core.files.part import load_part
@@ -70,9 +71,24 @@ def _hint(nominal: Path | None) -> Array | None:
 def _calibrate_cmm(given: CmmSet, sensor: Sensor) -> CalibrationResult:
     if given.pixels is None or given.sigma_px is None:
         return _calibrate_images(given, sensor)
+    _check_within(given, sensor)
     covariance = np.tile(given.sigma_px**2 * np.eye(2), (len(given.images), 1, 1))
     every = np.arange(len(given.images))
     return _by_places(given, sensor, every, given.pixels, covariance)
+
+
+def _check_within(given: CmmSet, sensor: Sensor) -> None:
+    """Raise InputError where a measured centre is not on the sensor."""
+    size = np.array([sensor.width_px, sensor.height_px])
+    assert given.pixels is not None
+    outside = ((given.pixels < -0.5) | (given.pixels > size - 0.5)).any(axis=1)
+    if outside.any():
+        at = int(np.argmax(outside))
+        col, row = given.pixels[at]
+        raise InputError(
+            f"{given.path}: expected centres within {sensor.width_px} x {sensor.height_px} pixels,"
+            f" got ({col:.1f}, {row:.1f}) for {given.images[at]}. Check the camera's size."
+        )
 
 
 def _by_places(

@@ -144,3 +144,9 @@ def test_the_dot_is_the_one_that_is_where_it_must_be():
     predicted = np.array([[100.0, 100.0], [400.0, 400.0], [50.0, 50.0]])
     chosen = nearest_dots(dots, predicted, 20.0)
     assert chosen == [dots[0][1], None, None]
+
+
+def test_centres_that_are_not_on_the_sensor_are_named(folder):
+    (folder / "set.yaml").write_text(SET.replace("width_px: 2592", "width_px: 1000"))
+    with pytest.raises(InputError, match="within 1000 x 1944 pixels, got"):
+        calibrate_set(folder)

@@ -25,6 +25,7 @@ from omm_core.camera_calibration.openness import (
     sizes,
     words_for,
 )
+from omm_core.camera_calibration.patterns import planes_of, residual_patterns, words_of_patterns
 from omm_core.camera_calibration.result import CalibrationResult, Observation, require_determined
 from omm_core.camera_calibration.start import start_from_places
 from omm_core.camera_calibration.weeding import weed
@@ -125,7 +126,12 @@ def calibrate_by_places(
     require_determined(sensor, solution)
     halves = _halves(seen, used, camera, solution.sigma0)
     terms = further_terms(sensor, camera, weeded.problem.blocks[0], solution)
-    extra: dict[str, Any] = {"further_terms": [t.to_json_dict() for t in terms]}
+    planes = {"plane": planes_of(places[:, 2])}
+    patterns = residual_patterns(sensor, camera, weeded.problem.blocks[0], solution, planes)
+    extra: dict[str, Any] = {
+        "further_terms": [t.to_json_dict() for t in terms],
+        "patterns": [p.to_json_dict() for p in patterns],
+    }
     if halves is not None:
         extra |= {"halves_chi2": halves, "halves_degrees_of_freedom": 13}
     return CalibrationResult(
@@ -151,6 +157,7 @@ def calibrate_by_places(
             *_findings(solution, used, images),
             *_contradiction(halves),
             *words_of_missed(terms),
+            *words_of_patterns(patterns),
         ),
         extra=extra,
     )

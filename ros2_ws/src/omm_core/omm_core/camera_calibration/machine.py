@@ -28,6 +28,7 @@ from omm_core.camera_calibration.openness import (
     sizes,
     words_for,
 )
+from omm_core.camera_calibration.patterns import residual_patterns, words_of_patterns
 from omm_core.camera_calibration.result import (
     CalibrationResult,
     Observation,
@@ -216,10 +217,24 @@ def _result(run: PlateRun, weeded: Weeded, assumed: dict[str, float]) -> Calibra
     )
     block = next(b for b in weeded.problem.blocks if b.name == "pixels")
     terms = further_terms(run.sensor, camera, block, solution)
+    turns = np.arctan2(run.rotations[:, 1, 0], run.rotations[:, 0, 0])
+    heights = np.round(run.places[:, 2], -1)
+    groupings: dict[str, Array] = {
+        "turn": np.asarray(np.round(np.degrees(turns)), dtype=float)[run.stop_of],
+        "height": heights[run.stop_of],
+    }
+    patterns = residual_patterns(run.sensor, camera, block, solution, groupings)
     return replace(
         result,
-        findings=(*_findings(run, weeded, assumed), *words_of_missed(terms)),
-        extra={"further_terms": [t.to_json_dict() for t in terms]},
+        findings=(
+            *_findings(run, weeded, assumed),
+            *words_of_missed(terms),
+            *words_of_patterns(patterns),
+        ),
+        extra={
+            "further_terms": [t.to_json_dict() for t in terms],
+            "patterns": [p.to_json_dict() for p in patterns],
+        },
     )
 
 
