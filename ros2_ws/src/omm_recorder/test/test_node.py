@@ -38,7 +38,7 @@ from omm_recording.verifying import verify
 from omm_ros import transport
 from omm_ros.diagnostics import Diagnostics
 from omm_ros.published import CountingLifecycleNode, CountingNode, published
-from omm_runs.recorded_estimator import options_from
+from omm_runs.recorded_estimator import left_out, options_from
 from omm_runs.solving import SolveRunOptions, solve_run
 
 Process = "subprocess.Popen[str]"
@@ -555,11 +555,13 @@ def test_solving_again_uses_every_parameter_of_the_estimator() -> None:
     used = {f.name for f in dataclasses.fields(Parameters)} - {
         *("part_file", "calibration_file", "part_frame", "frame_prefix", "publish_tf", "network"),
         "machine_file",  # attached to the recording, as the part is
+        "left_out_ns",  # of this run's images
     }
     assert set(values) == used
     exact = MachineUncertainty()
     assert options_from(values) == Parameters(**values).measurement_options(exact)
     assert options_from({}) == Parameters().measurement_options(exact)
+    assert left_out({"left_out_ns": [1, 2]}) == {1, 2}
 
 
 def spin_until_taken(node: Any, listener: Listener, number: int) -> None:
