@@ -106,16 +106,6 @@ def check_probing(
     jacobian = pose_jacobian(theta, at).reshape(-1, 6)
     joint = jacobian @ np.asarray(covariance)[:6, :6] @ jacobian.T
     joint += np.diag((own**2 + extra**2).reshape(-1))
-    findings = []
-    untold = sum(point.sigma_mm is None for point in points)
-    if untold:
-        findings.append(f"{untold} touches tell no sigma_mm: the probe counts as exact there")
-    off = float(np.linalg.norm(np.median(error, axis=0)))
-    if off > _FAR_MM:
-        findings.append(
-            f"the points lie {off:.4g} mm off all together: expected are machine coordinates (no"
-            " work offset), in mm, of the touched place (not the spindle), the part as it lay then"
-        )
     chi_square, p_value = np.nan, np.nan
     if np.all(own**2 + extra**2 > 0.0):
         chi_square = float(error.reshape(-1) @ np.linalg.solve(joint, error.reshape(-1)))
@@ -130,8 +120,23 @@ def check_probing(
         p_value=p_value,
         motion=motion,
         left_mm=left,
-        findings=tuple(findings),
+        findings=_findings(points, error),
     )
+
+
+def _findings(points: Sequence[ProbedPoint], error: Array) -> tuple[str, ...]:
+    """Return what is wrong with the touches themselves, in words."""
+    findings = []
+    untold = sum(point.sigma_mm is None for point in points)
+    if untold:
+        findings.append(f"{untold} touches tell no sigma_mm: the probe counts as exact there")
+    off = float(np.linalg.norm(np.median(error, axis=0)))
+    if off > _FAR_MM:
+        findings.append(
+            f"the points lie {off:.4g} mm off all together: expected are machine coordinates (no"
+            " work offset), in mm, of the touched place (not the spindle), the part as it lay then"
+        )
+    return tuple(findings)
 
 
 def _motion(places: Array, error: Array) -> tuple[Array | None, Array | None]:
