@@ -202,9 +202,7 @@ def place_evenly(
         if level.endless is not None:
             loose.append(level.endless)
         if level.endless is not None or len(fixed) == 0:
-            # What nothing stops is not raised without end: it keeps what all have by now.
-            floor[~done] = np.nanmax(np.append(floor[done & np.isfinite(floor)], level.smallest))
-            floor[~done] = np.minimum(floor[~done], state.margins[~done].min())
+            floor[~done] = _reached(level, floor, done)
             break
         now = ~done & np.isin(wish.groups, fixed)
         floor[now], done[now] = level.smallest, True
@@ -228,6 +226,15 @@ class _Level:
     held: Array
     smallest: float
     endless: Array | None
+
+
+def _reached(level: _Level, floor: Array, done: NDArray[np.bool_]) -> float:
+    """Return the floor of what nothing stops.
+
+    It is not raised without end, but keeps what all have by now.
+    """
+    highest = np.nanmax(np.append(floor[done & np.isfinite(floor)], level.smallest))
+    return float(np.minimum(highest, level.state.margins[~done].min()))
 
 
 def _raise_level(
