@@ -8,15 +8,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.adjustment import Block, Group, Problem, Solution, solve
 from omm_core.adjustment.problem import Values
+from omm_core.camera_calibration.cmm_result import result_of_places
 from omm_core.camera_calibration.cmm_start import best_start
-from omm_core.camera_calibration.further_terms import further_terms, words_of_missed
 from omm_core.camera_calibration.model import PARAMETERS, Sensor, project_with_derivatives
 from omm_core.camera_calibration.moving import moved_while_taken
 from omm_core.camera_calibration.openness import (
@@ -25,18 +24,15 @@ from omm_core.camera_calibration.openness import (
     sizes,
     words_for,
 )
-from omm_core.camera_calibration.patterns import planes_of, residual_patterns, words_of_patterns
-from omm_core.camera_calibration.result import CalibrationResult, Observation, require_determined
+from omm_core.camera_calibration.result import CalibrationResult, require_determined
 from omm_core.camera_calibration.start import start_from_places
-from omm_core.camera_calibration.weeding import weed
+from omm_core.camera_calibration.weeding import Weeded, weed
 from omm_core.errors import MeasurementError
 from omm_core.imaging.circle import circle_points
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# Chi-square of 13 degrees of freedom that one good set in a thousand exceeds.
-_LARGEST_HALVES = 34.5
 # Sizes (openness.py) within which a camera is held to its start until it is known to be closed.
 _LOOSE = 10.0
 # An image farther than this from where the robust start has it is not used to begin with.
@@ -113,54 +109,17 @@ def calibrate_by_places(
         covariance_px2=covariance_px2,
         sigma_xyz_mm=sigma_xyz_mm,
     )
-    camera = _closed(seen, used, camera)
-    near = camera
-
-    def adjust(used: Mask) -> tuple[Problem, Solution]:
-        return _adjust(seen, used, near)
-
-    refuse = partial(_refuse_moved, images)
-    weeded = weed(adjust, np.arange(n), used, least=9, refuse_moved=refuse)
-    solution, used = weeded.solution, weeded.used
-    camera = solution.values["camera"][0]
-    require_determined(sensor, solution)
-    halves = _halves(seen, used, camera, solution.sigma0)
-    terms = further_terms(sensor, camera, weeded.problem.blocks[0], solution)
-    planes = {"plane": planes_of(places[:, 2])}
-    patterns = residual_patterns(sensor, camera, weeded.problem.blocks[0], solution, planes)
-    extra: dict[str, Any] = {
-        "further_terms": [t.to_json_dict() for t in terms],
-        "patterns": [p.to_json_dict() for p in patterns],
-    }
-    if halves is not None:
-        extra |= {"halves_chi2": halves, "halves_degrees_of_freedom": 13}
-    return CalibrationResult(
-        sensor=sensor,
-        camera=camera,
-        covariance=solution.covariance * max(solution.sigma0, 1.0) ** 2,
-        sigma0=solution.sigma0,
-        degrees_of_freedom=solution.degrees_of_freedom,
-        converged=solution.converged,
-        observations=tuple(
-            Observation(
-                image=images[i],
-                pixel=pixels[i],
-                residual_px=-solution.residuals["pixels"][i],
-                reason=weeded.reasons[i],
-            )
-            for i in range(n)
-        ),
-        images=int(used.sum()),
-        covered_mm=_covered(sensor, camera, places),
-        dots_mm=places,
-        findings=(
-            *_findings(solution, used, images),
-            *_contradiction(halves),
-            *words_of_missed(terms),
-            *words_of_patterns(patterns),
-        ),
-        extra=extra,
+    near = _closed(seen, used, camera)
+    weeded = weed(
+        partial(_adjust, seen, camera=near),
+        np.arange(n),
+        used,
+        least=9,
+        refuse_moved=partial(_refuse_moved, images),
     )
+    require_determined(sensor, weeded.solution)
+    halves_chi2 = _halves(seen, weeded)
+    return result_of_places(weeded, sensor, images, places, pixels, halves_chi2=halves_chi2)
 
 
 def _adjust(
@@ -239,19 +198,16 @@ def _closed(
     return solution.values["camera"][0]
 
 
-def _halves(
-    seen: _Seen,
-    used: Mask,
-    camera: Array,
-    sigma0: float,
-) -> float | None:
+def _halves(seen: _Seen, weeded: Weeded) -> float | None:
     """Return the squared difference of the cameras of two halves over its covariance.
 
     Chi-square with 13 degrees of freedom where the model and its covariance hold; None for sets
     of which a half is too few.
     """
+    used, sigma0 = weeded.used, weeded.solution.sigma0
     if used.sum() < 40:
         return None
+    camera = weeded.solution.values["camera"][0]
     cameras, covariances = [], []
     for parity in range(2):
         half = used & (np.cumsum(used) % 2 == parity)
@@ -265,33 +221,3 @@ def _halves(
     correlation = together / np.outer(scale, scale) * max(sigma0, 1.0) ** 2
     unit = difference / scale
     return float(unit @ np.linalg.solve(correlation, unit))
-
-
-def _contradiction(halves_chi2: float | None) -> tuple[str, ...]:
-    if halves_chi2 is None or halves_chi2 < _LARGEST_HALVES:
-        return ()
-    return (
-        f"two halves of the set give cameras that differ more than their covariances allow (chi-"
-        f"square {halves_chi2:.0f} with 13 degrees of freedom): the lens model or the places are"
-        " wrong, or something moved",
-    )
-
-
-def _covered(sensor: Sensor, camera: Array, places: Array) -> tuple[float, float]:
-    from omm_core.geometry import rotation_from_euler_xyz_rad
-
-    depth = (places - camera[7:10]) @ rotation_from_euler_xyz_rad(*camera[10:])[:, 2]
-    return float(depth.min()), float(depth.max())
-
-
-def _findings(solution: Solution, used: Mask, images: list[str]) -> tuple[str, ...]:
-    found = []
-    if not used.all():
-        names = ", ".join(images[i] for i in np.flatnonzero(~used)[:5])
-        found.append(f"{(~used).sum()} images do not fit the others and are left out: {names}")
-    if solution.sigma0 > 1.3:
-        found.append(
-            f"residuals are {solution.sigma0:.2f} times what was promised; the covariance is"
-            " enlarged by that"
-        )
-    return tuple(found)
