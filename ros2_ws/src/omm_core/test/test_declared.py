@@ -57,7 +57,7 @@ WHOLE = {
 
 
 def section(**changes: object) -> YamlSection:
-    return YamlSection({**WHOLE, **changes}, "some.yaml", Path("folder"))
+    return YamlSection({**WHOLE, **changes}, "some.yaml", Path("folder"), strict=True)
 
 
 def test_what_is_read_is_written_again() -> None:

@@ -43,7 +43,6 @@ def test_everything_in_a_fit_file_is_read(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
-        ("maximum_overstock_mm", "maximum_overstok_mm", "Did you mean maximum_overstock_mm"),
         ("maximum_overstock_mm: 4", "maximum_overstock_mm: 1", "a maximum above the minimum"),
         ("low_mm: -1", "low_mm: 2", "low_mm <= high_mm"),
         ("name: raw", "name: milled", "each name once"),

@@ -116,7 +116,7 @@ def load_about(path: Path) -> About:
     InputError
         Where it is missing, or a key is bad or not known.
     """
-    return read_section(About, read_yaml(path, "report file"))
+    return read_section(About, read_yaml(path, "report file", strict=True))
 
 
 def about_of(run: Path, named: Path | None = None) -> About:

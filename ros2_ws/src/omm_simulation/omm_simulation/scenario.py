@@ -54,7 +54,7 @@ class Axis:
 
 def _axes(section: YamlSection, key: str) -> dict[str, Axis]:
     axes = section.section(key)
-    axes.refuse_unknown("X", "Y", "Z")
+    axes.check_keys("X", "Y", "Z")
     return {axis: read_section(Axis, axes.section(axis)) for axis in ("X", "Y", "Z")}
 
 
@@ -228,7 +228,7 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
     InputError
         There is no such scenario, or one of its files is malformed.
     """
-    root = read_yaml(_find(name_or_path), "scenario file")
+    root = read_yaml(_find(name_or_path), "scenario file", strict=True)
     return read_section(
         Scenario,
         root,

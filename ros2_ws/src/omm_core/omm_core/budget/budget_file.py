@@ -129,7 +129,7 @@ def load_budget_file(path: Path) -> BudgetFile:
     """
     path = path / "budget.yaml" if path.is_dir() else path
     root = read_yaml(path, "budget file")
-    root.refuse_unknown(*_ROOT)
+    root.check_keys(*_ROOT)
     factor = root.number("coverage_factor", above=0.0) if "coverage_factor" in root else None
     probability = _probability(root)
     if factor is not None and probability is not None:
@@ -173,7 +173,7 @@ def _some(cls: type[_T], root: YamlSection, key: str, *, expected: str) -> _T | 
 
 
 def _expansion(section: YamlSection) -> Expansion:
-    section.refuse_unknown("expansion_per_K", "temperature_K", "gradient_K_per_m", "sigma_mm")
+    section.check_keys("expansion_per_K", "temperature_K", "gradient_K_per_m", "sigma_mm")
     if "sigma_mm" in section:
         return Expansion(sigma_mm=read_sigma(section))
     spread, value = None, section.get("expansion_per_K")

@@ -38,7 +38,7 @@ def _runs(root: YamlSection, key: str) -> tuple[CampaignRun, ...]:
 
 def _reference(root: YamlSection, key: str) -> dict[str, float]:
     section = root.section(key)
-    section.refuse_unknown(*THETA)
+    section.check_keys(*THETA)
     return {name: section.number(name) for name in THETA if name in section}
 
 

@@ -80,7 +80,7 @@ def read_section(
         Where a key is missing, bad or not known.
     """
     keys = _keys_of(cls)
-    section.refuse_unknown(*(key.name for key in keys), *also)
+    section.check_keys(*(key.name for key in keys), *also)
     read = {
         key.field: key.reader.read(section, key.name)
         for key in keys

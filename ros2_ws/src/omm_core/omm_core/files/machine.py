@@ -135,7 +135,7 @@ def load_machine(path: Source) -> Machine:
     if _is_xml(path):
         return Machine(name=Path(str(path)).stem, urdf=Path(str(path)))
     root = read_yaml(path, "machine.yaml (or URDF)")
-    root.refuse_unknown("machine", "uncertainty", "axes", "timing")
+    root.check_keys("machine", "uncertainty", "axes", "timing")
     head = read_section(_Head, root.section("machine"))
     axes = root.section("axes") if "axes" in root else None
     follows, ignored, dynamics = _axes(axes) if axes else ({}, frozenset(), {})

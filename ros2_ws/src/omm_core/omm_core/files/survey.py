@@ -94,7 +94,7 @@ def load_survey(path: Path) -> SurveySet:
     if path.is_dir() and not file.is_file():
         raise InputError(_how_to_write(path))
     root = read_yaml(file, "survey file")
-    root.refuse_unknown(*_KEYS)
+    root.check_keys(*_KEYS)
     name, size, focal = _camera(root)
     photos, left_out = _photos(root, file.parent)
     return SurveySet(
@@ -217,7 +217,7 @@ def _datum(root: YamlSection) -> DeclaredDatum:
     if "datum" not in root or root.get("datum") == "free":
         return DeclaredDatum()
     datum = root.section("datum")
-    datum.refuse_unknown("three_targets", "nominal")
+    datum.check_keys("three_targets", "nominal")
     if "three_targets" in datum:
         where = f"{datum.where}: three_targets"
         targets = tuple(whole_number(t, where) for t in datum.numbers("three_targets", 3))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import difflib
 import math
 import reprlib
 from collections.abc import Sequence
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_core.errors import InputError, did_you_mean
+from omm_core.errors import InputError, did_you_mean, warn
 from omm_core.files.outside import Source, folder_of, read_text
 from omm_core.files.strict_yaml import parse_yaml
 
@@ -32,14 +33,19 @@ class YamlSection:
         File and keys down to here, as a person would look it up.
     folder : Path
         From where the names of files count.
+    strict : bool
+        Whether a key that nothing reads is refused; else it is warned of, for files may say more.
     """
 
-    def __init__(self, values: Any, where: str, folder: Path = Path()) -> None:
+    def __init__(
+        self, values: Any, where: str, folder: Path = Path(), *, strict: bool = False
+    ) -> None:
         if not isinstance(values, dict):
             raise InputError(f"{where}: expected keys with values, got {_short(values)}.")
         self.values = values
         self.where = where
         self.folder = folder
+        self.strict = strict
 
     def __contains__(self, key: str) -> bool:
         return self.values.get(key) is not None
@@ -51,22 +57,34 @@ class YamlSection:
             raise InputError(f"{self.where}: the key '{key}' is missing (keys there: {there}).")
         return self.values[key]
 
-    def refuse_unknown(self, *known: str) -> None:
-        """Raise InputError where a key is not known: a misspelt one would count as not told."""
+    def check_keys(self, *known: str) -> None:
+        """Tell of keys that nothing reads, with the nearest known one: typing errors are quiet.
+
+        Raises
+        ------
+        InputError
+            Instead of a warning, where the section is strict.
+        """
         for key in self.values:
-            if str(key) not in known:
-                raise InputError(
-                    f"{self.where}: the key {_short(key)} is not known."
-                    f"{did_you_mean(str(key), known)} Known here: {', '.join(known)}."
-                )
+            if str(key) in known:
+                continue
+            told = f"{self.where}: the key {_short(key)} is not known"
+            if self.strict:
+                advice = did_you_mean(str(key), known)
+                raise InputError(f"{told}.{advice} Known here: {', '.join(known)}.")
+            near = difflib.get_close_matches(str(key), known, 1, cutoff=0.0)
+            warn(f"{told} and not read (nearest known one: {near[0]}).")
 
     def renamed(self, where: str) -> YamlSection:
         """Return the same section, called otherwise in messages."""
-        return YamlSection(self.values, where, self.folder)
+        return self._of(self.values, where)
+
+    def _of(self, values: Any, where: str) -> YamlSection:
+        return YamlSection(values, where, self.folder, strict=self.strict)
 
     def section(self, key: str) -> YamlSection:
         """Return the mapping under a key."""
-        return YamlSection(self.get(key), f"{self.where}: {key}", self.folder)
+        return self._of(self.get(key), f"{self.where}: {key}")
 
     def sections(self, key: str) -> tuple[YamlSection, ...]:
         """Return the list of mappings under a key; none where the key is absent."""
@@ -74,7 +92,7 @@ class YamlSection:
         if not isinstance(given, list):
             raise InputError(f"{self.where}: expected a list for '{key}', got {_short(given)}.")
         return tuple(
-            YamlSection(entry, f"{self.where}: {key}, entry {number}", self.folder)
+            self._of(entry, f"{self.where}: {key}, entry {number}")
             for number, entry in enumerate(given, start=1)
         )
 
@@ -135,7 +153,7 @@ class YamlSection:
         return float(value)
 
 
-def read_yaml(path: Source, what: str) -> YamlSection:
+def read_yaml(path: Source, what: str, *, strict: bool = False) -> YamlSection:
     """Return the contents of a YAML file.
 
     Parameters
@@ -144,6 +162,8 @@ def read_yaml(path: Source, what: str) -> YamlSection:
         The file, or its contents.
     what : str
         What it is, for messages ("part file").
+    strict : bool
+        Whether keys that nothing reads are refused.
 
     Raises
     ------
@@ -151,7 +171,8 @@ def read_yaml(path: Source, what: str) -> YamlSection:
         Where the file is missing, unreadable, not YAML, or not a mapping.
     """
     text = read_text(path, what)
-    return YamlSection(parse_yaml(text, f"The {what} {path}"), str(path), folder_of(path))
+    values = parse_yaml(text, f"The {what} {path}")
+    return YamlSection(values, str(path), folder_of(path), strict=strict)
 
 
 def _short(value: Any) -> str:

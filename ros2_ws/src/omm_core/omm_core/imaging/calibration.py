@@ -166,7 +166,7 @@ def load_calibration(path: Source) -> CameraCalibration:
     """
     refuse_foreign(path)
     root = read_yaml(path, "calibration file")
-    root.refuse_unknown(*_FILE_KEYS)
+    root.check_keys(*_FILE_KEYS)
     sensor = read_section(NamedSensor, root.section("camera"))
     lens = _lens(root, sensor)
     try:

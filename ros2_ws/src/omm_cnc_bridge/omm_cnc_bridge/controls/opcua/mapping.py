@@ -88,8 +88,8 @@ def load_mapping(path: Path) -> Mapping40502:
     InputError
         Where the file is not there or says something unknown.
     """
-    root = read_yaml(path, "mapping")
-    root.refuse_unknown(
+    root = read_yaml(path, "mapping", strict=True)
+    root.check_keys(
         "axes", "channel", "modes", "program_states", "acknowledge", "offsets", "correction"
     )
     axes = root.section("axes")
@@ -114,7 +114,7 @@ def load_mapping(path: Path) -> Mapping40502:
 
 
 def _paths(section: YamlSection, items: tuple[str, ...]) -> dict[str, str]:
-    section.refuse_unknown(*items)
+    section.check_keys(*items)
     return {item: section.text(item) for item in items if item in section}
 
 
@@ -131,7 +131,7 @@ def _words(section: YamlSection, words: type[Enum]) -> dict[int, str]:
 
 
 def _axis(entry: YamlSection) -> AxisItems:
-    entry.refuse_unknown(*AXIS_ITEMS, "unit", "in_position")
+    entry.check_keys(*AXIS_ITEMS, "unit", "in_position")
     if "position" not in entry:
         raise InputError(f"{entry.where}: expected the path of its position.")
     unit = entry.text("unit") if "unit" in entry else None
@@ -152,7 +152,7 @@ def _offsets(section: YamlSection) -> dict[str, OffsetNodes]:
 
 
 def _offset(section: YamlSection) -> OffsetNodes:
-    section.refuse_unknown(*OFFSET_ITEMS, "unit", "angle_unit", "angles")
+    section.check_keys(*OFFSET_ITEMS, "unit", "angle_unit", "angles")
     paths = {item: section.text(item) for item in OFFSET_ITEMS if item in section}
     if missing := [item for item in OFFSET_ITEMS[:3] if item not in paths]:
         raise InputError(f"{section.where}: expected nodes for {', '.join(missing)}, too.")
@@ -171,7 +171,7 @@ def _offset(section: YamlSection) -> OffsetNodes:
 
 
 def _correction(section: YamlSection) -> CorrectionNodes:
-    section.refuse_unknown(*CORRECTION_ITEMS, "unit")
+    section.check_keys(*CORRECTION_ITEMS, "unit")
     paths = {item: section.text(item) for item in CORRECTION_ITEMS if item in section}
     if missing := [item for item in CORRECTION_ITEMS if item not in paths]:
         raise InputError(f"{section.where}: expected nodes for {', '.join(missing)}, too.")
