@@ -82,6 +82,19 @@ def test_a_sheet_is_written(tmp_path, capsys):
     assert main(["targets", "--family", "metashape12", "--ids", "999", "--dot-mm", "8"]) == 2
 
 
+def test_plain_targets_and_ends_of_scale_bars_are_written(tmp_path, capsys):
+    pytest.importorskip("fpdf", reason="fpdf2 is not installed")
+    out = tmp_path / "sheet.pdf"
+    assert main(["targets", "--plain", "30", "--dot-mm", "6", "--out", str(out)]) == 0
+    assert "30 plain targets on 1 page" in capsys.readouterr().out
+    coded = ["targets", "--family", "aicon12", "--dot-mm", "8", "--out", str(out)]
+    assert main([*coded, "--ids", "11,12,21,22", "--bar-ends"]) == 0
+    assert "- {ends: [21, 22], length_mm:" in capsys.readouterr().out
+    assert main([*coded, "--ids", "11", "--bar-ends"]) == 2
+    assert main([*coded, "--plain", "3"]) == 2
+    assert main(["targets", "--ids", "11", "--dot-mm", "8"]) == 2
+
+
 def test_help_needs_no_numba(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "numba", None)
     for command in ("detect", "targets"):

@@ -6,29 +6,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from omm_core.errors import InputError
+from omm_core.targets import paper as sheets
 from omm_core.targets.coded.families import TargetFamily
 
-PAPERS_MM = {
-    "A5": (148.0, 210.0),
-    "A4": (210.0, 297.0),
-    "A3": (297.0, 420.0),
-    "A2": (420.0, 594.0),
-    "A1": (594.0, 841.0),
-    "A0": (841.0, 1189.0),
-    "letter": (215.9, 279.4),
-    "legal": (215.9, 355.6),
-    "tabloid": (279.4, 431.8),
-}
-MARGIN_MM = 12.0
-FOOTER_MM = 14.0
 QUIET_RATIO = 0.6
 """Clear band around the ring, in dot radii."""
-CUT_MARK_MM = 3.0
-TEXT_MM = 2.2
 _ARC_STEP_RAD = math.radians(0.5)
 
 
@@ -41,6 +28,7 @@ class Sheet:
     dot_mm : diameter of the dot.
     white_on_black : True for bright dots on black (film on retroreflective sheet), False for
         black dots on white.
+    bar_ends : each two targets are the ends of a scale bar: marked with its axis and both numbers.
     """
 
     family: TargetFamily
@@ -48,22 +36,18 @@ class Sheet:
     dot_mm: float
     paper: str = "A4"
     white_on_black: bool = True
+    bar_ends: bool = False
 
     def __post_init__(self) -> None:
-        if self.paper not in PAPERS_MM:
-            raise InputError(f"Expected a paper out of {', '.join(PAPERS_MM)}, got {self.paper!r}.")
-        if not (math.isfinite(self.dot_mm) and self.dot_mm > 0.0):
-            raise InputError(f"Expected a dot diameter above 0 mm, got {self.dot_mm}.")
         if not self.ids:
             raise InputError("Expected numbers of targets to print, got none.")
         for target_id in self.ids:
             self.family.code_of(target_id)
-        width, height = self.usable_mm
-        if self.cell_mm > width or self.cell_mm > height:
+        if self.bar_ends and len(self.ids) % 2:
             raise InputError(
-                f"Targets with a dot of {self.dot_mm:g} mm need {self.cell_mm:.0f} mm, the paper "
-                f"{self.paper} has {min(width, height):.0f} mm: take larger paper or smaller dots."
+                f"Expected an even number of targets, two to each scale bar, got {len(self.ids)}."
             )
+        sheets.refuse_unfit(self.paper, self.dot_mm, self.cell_mm)
 
     @property
     def square_mm(self) -> float:
@@ -73,31 +57,17 @@ class Sheet:
     @property
     def cell_mm(self) -> float:
         """Pitch of the targets on the paper: square, cutting marks and number."""
-        return self.square_mm + 2.0 * CUT_MARK_MM + TEXT_MM + 2.0
+        return self.square_mm + 2.0 * sheets.CUT_MARK_MM + sheets.TEXT_MM + 2.0
 
     @property
-    def usable_mm(self) -> tuple[float, float]:
-        """Width and height within the margins and above the footer."""
-        width, height = PAPERS_MM[self.paper]
-        return width - 2.0 * MARGIN_MM, height - 2.0 * MARGIN_MM - FOOTER_MM
+    def bars(self) -> tuple[tuple[int, int], ...]:
+        """Numbers of the two ends of each scale bar."""
+        return tuple(zip(self.ids[::2], self.ids[1::2], strict=True)) if self.bar_ends else ()
 
     def places_mm(self) -> list[tuple[int, int, float, float]]:
         """Return (id, page from 0, x, y of the dot's centre from the paper's top-left corner)."""
-        columns = int(self.usable_mm[0] / self.cell_mm)
-        rows = int(self.usable_mm[1] / self.cell_mm)
-        places = []
-        for index, target_id in enumerate(self.ids):
-            page, place = divmod(index, columns * rows)
-            row, column = divmod(place, columns)
-            places.append(
-                (
-                    target_id,
-                    page,
-                    MARGIN_MM + (column + 0.5) * self.cell_mm,
-                    MARGIN_MM + (row + 0.5) * self.cell_mm,
-                )
-            )
-        return places
+        places = sheets.grid_mm(self.paper, self.cell_mm, len(self.ids))
+        return [(number, *place) for number, place in zip(self.ids, places, strict=True)]
 
 
 def ring_polygons(
@@ -135,70 +105,28 @@ def write_pdf(sheet: Sheet, path: str | Path) -> int:
     InputError
         If fpdf2 is missing or the file cannot be written.
     """
-    try:
-        from fpdf import FPDF
-    except ImportError as error:
-        raise InputError("Printing needs the Python package fpdf2: pip install fpdf2") from error
-    pdf = FPDF(unit="mm", format=PAPERS_MM[sheet.paper])
-    pdf.set_auto_page_break(False)
-    pdf.set_title(f"{sheet.family.name}, dots of {sheet.dot_mm:g} mm")
-    places = sheet.places_mm()
-    pages = places[-1][1] + 1
-    for page in range(pages):
-        pdf.add_page()
-        _footer(pdf, sheet, page, pages)
-        for target_id, on_page, x, y in places:
-            if on_page == page:
-                _target(pdf, sheet, target_id, x, y)
-    try:
-        pdf.output(str(path))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
-    return pages
+
+    def draw(pdf: Any, index: int, x: float, y: float) -> None:
+        _target(pdf, sheet, index, x, y)
+
+    title = f"{sheet.family.name}, dot {sheet.dot_mm:g} mm"
+    places = sheets.grid_mm(sheet.paper, sheet.cell_mm, len(sheet.ids))
+    return sheets.write_sheets(path, sheet.paper, title, places, draw)
 
 
-def _target(pdf, sheet: Sheet, target_id: int, x: float, y: float) -> None:  # type: ignore[no-untyped-def]
-    radius = 0.5 * sheet.dot_mm
-    half = 0.5 * sheet.square_mm
-    mark, ground = (255, 0) if sheet.white_on_black else (0, 255)
-    if sheet.white_on_black:
-        pdf.set_fill_color(ground)
-        pdf.rect(x - half, y - half, 2.0 * half, 2.0 * half, style="F")
-    pdf.set_fill_color(mark)
-    pdf.ellipse(x - radius, y - radius, 2.0 * radius, 2.0 * radius, style="F")
-    code = sheet.family.code_of(target_id)
-    for polygon in ring_polygons(sheet.family, code, radius):
+def _target(pdf: Any, sheet: Sheet, index: int, x: float, y: float) -> None:
+    radius, half = 0.5 * sheet.dot_mm, 0.5 * sheet.square_mm
+    number = sheet.ids[index]
+    sheets.draw_dot(pdf, x, y, radius, half, white=sheet.white_on_black)
+    for polygon in ring_polygons(sheet.family, sheet.family.code_of(number), radius):
         pdf.polygon([(x + px, y + py) for px, py in polygon], style="F")
-    pdf.set_draw_color(0)
-    pdf.set_line_width(0.1)
-    gap = 0.5
-    for sx in (-1, 1):
-        for sy in (-1, 1):
-            cx, cy = x + sx * half, y + sy * half
-            pdf.line(cx + sx * gap, cy, cx + sx * CUT_MARK_MM, cy)
-            pdf.line(cx, cy + sy * gap, cx, cy + sy * CUT_MARK_MM)
-    _text(pdf, x, y + half + CUT_MARK_MM - 0.8, f"{sheet.family.name}  {target_id}", centred=True)
-
-
-def _footer(pdf, sheet: Sheet, page: int, pages: int) -> None:  # type: ignore[no-untyped-def]
-    width, height = PAPERS_MM[sheet.paper]
-    length = 100.0 if width - 2.0 * MARGIN_MM >= 100.0 else 50.0
-    x, y = MARGIN_MM, height - MARGIN_MM
-    pdf.set_draw_color(0)
-    pdf.set_line_width(0.2)
-    pdf.line(x, y, x + length, y)
-    for tick in range(int(length / 10.0) + 1):
-        pdf.line(x + 10.0 * tick, y - (3.0 if tick % 5 == 0 else 1.5), x + 10.0 * tick, y)
-    _text(pdf, x, y + 2.6, f"{length:g} mm between the outer ticks: measure it, print at 100 %")
-    _text(
-        pdf, x, y - 5.0, f"{sheet.family.name}, dot {sheet.dot_mm:g} mm, page {page + 1} of {pages}"
-    )
-
-
-def _text(pdf, x: float, y: float, text: str, *, centred: bool = False) -> None:  # type: ignore[no-untyped-def]
-    pdf.set_font("Helvetica", size=TEXT_MM / 25.4 * 72.0)
-    pdf.set_text_color(0)
-    pdf.text(x - (0.5 * pdf.get_string_width(text) if centred else 0.0), y, text)
+    sheets.draw_cut_marks(pdf, x, y, half)
+    words = f"{sheet.family.name}  {number}"
+    if sheet.bar_ends:
+        sheets.draw_axis(pdf, x, y, half)
+        first, second = sheet.bars[index // 2]
+        words += f"  (bar {first}-{second})"
+    sheets.draw_text(pdf, x, y + half + sheets.CUT_MARK_MM - 0.8, words, centred=True)
 
 
 _LARGEST_ID = 100_000
