@@ -170,5 +170,53 @@ def test_what_cannot_be_a_lens_is_refused_in_words(tmp_path, old, new, words):
         imported(tmp_path, PLUMB_BOB.replace(old, new))
 
 
+CAMERA_INFO = """height: 1944
+width: 2592
+distortion_model: plumb_bob
+d: [-0.11, 0.09, 0.0003, -0.0002, 0.01]
+k: [2813.2, 0.0, 1287.3, 0.0, 2813.5, 999.1, 0.0, 0.0, 1.0]
+binning_x: 0
+roi: {x_offset: 0, y_offset: 0, height: 0, width: 0, do_rectify: false}
+---
+"""
+OF_FOUR = OPENCV.replace("rows: 5", "rows: 4").replace(", 1.0e-02 ]", " ]")
+SEVERAL = """<document><chunk><sensors><sensor><calibration type="frame">
+<resolution width="2592" height="1944"/><f>2813.2</f></calibration></sensor></sensors></chunk>
+</document>"""
+
+
+def test_a_camera_info_as_ros2_topic_echo_prints_it_is_taken(tmp_path):
+    lens = imported(tmp_path, CAMERA_INFO + CAMERA_INFO).lens
+    assert (lens.fx_px, lens.cy_px, lens.k3) == (2813.2, 999.1, 0.01)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (OPENCV + "xi: 1.2\n", "omnidirectional"),
+        (OPENCV_XML.replace("</opencv_storage>", "<xi>1.2</xi></opencv_storage>"), "omnidir"),
+        (OF_FOUR, "fisheye has 4 coefficients"),
+        (INI.replace(" 0.01\n", "\n"), "fisheye has 4 coefficients"),
+        (PLUMB_BOB.replace("plumb_bob", "equidistant"), "expected 4 coefficients"),
+        (KALIBR.replace("radtan", "fov"), "expected 1 coefficients"),
+        (KALIBR.replace("  distortion_model: radtan\n", ""), "distortion_model' is missing"),
+        (KALIBR.replace("pinhole", "omni"), "'omni'"),
+        (CAMERA_INFO.replace("binning_x: 0", "binning_x: 2"), "binning"),
+        (CAMERA_INFO.replace("height: 0, width: 0", "height: 500, width: 500"), "roi"),
+        (METASHAPE.replace(">frame<", ">fisheye<"), "'fisheye'"),
+        (METASHAPE.replace("<width>2592</width>", ""), "'width' is missing"),
+        (SEVERAL, "a document of cameras"),
+    ],
+)
+def test_a_lens_that_the_numbers_do_not_tell_is_refused_by_name(tmp_path, text, words):
+    with pytest.raises(InputError, match=words):
+        imported(tmp_path, text)
+
+
+@pytest.mark.parametrize("name", ["fisheye_model: 0", "distortion_model: plumb_bob"])
+def test_four_coefficients_whose_model_is_told_are_taken(tmp_path, name):
+    assert imported(tmp_path, f"{OF_FOUR}{name}\n").lens.k1 == -0.11
+
+
 def test_a_camera_file_of_ones_own_is_nobody_elses():
     assert foreign_source("camera: {name: a}\nmodel: plumb_bob\nintrinsics: {fx_px: 1}\n") is None

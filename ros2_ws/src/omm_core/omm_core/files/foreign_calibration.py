@@ -30,7 +30,7 @@ _LARGEST_BYTES = 20 << 20
 _TILT_TERMS = 12  # OpenCV's coefficients 13 and 14 tilt the sensor
 _KINDS = (
     ("OpenCV (FileStorage)", r"^%YAML|<opencv_storage>|!!opencv-matrix|\"opencv-matrix\""),
-    ("Metashape", r"<calibration[\s>][\s\S]*<projection>"),
+    ("Metashape", r"<calibration[\s>][\s\S]*(<projection>|<resolution\s)"),
     ("ROS (ost.ini)", r"^# oST version|^camera matrix\s*$"),
     ("Kalibr", r"^cam\d+\s*:[\s\S]*(camera_model|distortion_model)\s*:"),
     ("ROS (ost.yaml)", r"^camera_matrix\s*:[\s\S]*^distortion_(model|coefficients)\s*:"),
@@ -110,6 +110,8 @@ def read_foreign(path: str | Path) -> ForeignCalibration:
             return _metashape(text)
         if source == "ROS (ost.ini)":
             return _ini(text)
+        if source == "ROS (CameraInfo)":
+            text = re.split(r"^---", text, flags=re.MULTILINE)[0]  # ros2 topic echo ends so
         values = _opencv_xml(text) if "<opencv_storage>" in text else _yaml(text)
         return _kalibr(values) if source == "Kalibr" else _matrices(source, values)
     except InputError as error:
@@ -150,7 +152,14 @@ def _xml(text: str) -> Any:
 
 def _metashape(text: str) -> ForeignCalibration:
     root = _xml(text)
-    root = root if root.tag == "calibration" else root.find(".//calibration")
+    if root.tag != "calibration":
+        raise InputError(
+            "expected the calibration of one camera, got a document of cameras. Save it by"
+            " Tools > Camera Calibration > Adjusted."
+        )
+    missing = [name for name in ("width", "height", "f") if root.find(name) is None]
+    if missing:
+        raise KeyError(missing[0])
     projection = (root.findtext("projection") or "").strip()
     if projection != "frame":
         raise InputError(f"expected the projection 'frame', got '{projection}'.")
@@ -181,6 +190,7 @@ def _ini(text: str) -> ForeignCalibration:
 
     sections = [s for s in re.findall(r"^\[(.+)\]", text, re.MULTILINE) if s != "image"]
     distortion = block("distortion", 1)
+    _refuse_unnamed(distortion)
     return _foreign(
         source="ROS (ost.ini)",
         name=sections[0] if sections else "",
@@ -201,7 +211,12 @@ def _matrices(source: str, values: dict[str, Any]) -> ForeignCalibration:
     )  # fmt: skip
     width = _first(values, ("image_width", "image_Width", "width"))
     height = _first(values, ("image_height", "image_Height", "height"))
+    if "xi" in values:
+        raise InputError("expected a camera with a plain lens, got an omnidirectional one (xi).")
+    _refuse_part_of_image(values)
     told = str(values.get("distortion_model", "plumb_bob"))
+    if not {"distortion_model", "fisheye_model"} & values.keys():
+        _refuse_unnamed(_data(distortion))
     fisheye = told in ("equidistant", "fisheye") or bool(float(values.get("fisheye_model", 0)))
     if not fisheye and told not in ("plumb_bob", "rational_polynomial"):
         raise InputError(
@@ -216,6 +231,27 @@ def _matrices(source: str, values: dict[str, Any]) -> ForeignCalibration:
         model="equidistant" if fisheye else "opencv",
         coefficients=_data(distortion),
     )
+
+
+def _refuse_unnamed(coefficients: list[float]) -> None:
+    if len(coefficients) == 4 and any(coefficients):
+        raise InputError(
+            "expected the name of the lens model, as OpenCV's fisheye has 4 coefficients and its"
+            " plain lens may. Add 'distortion_model: equidistant' or 'distortion_model: plumb_bob'"
+            " to the YAML file."
+        )
+
+
+def _refuse_part_of_image(values: dict[str, Any]) -> None:
+    """Refuse a CameraInfo whose matrix is not that of the images which came with it."""
+    roi = values.get("roi") or {}
+    size = [(int(roi.get(name, 0)), int(values[name])) for name in ("width", "height") if roi]
+    binning = [int(values.get(name, 0)) for name in ("binning_x", "binning_y")]
+    if max(binning) > 1 or any(part not in (0, whole) for part, whole in size):
+        raise InputError(
+            "expected the camera to send its whole image without binning, got one with a binning"
+            " or roi: its matrix is not that of the images."
+        )
 
 
 def _first(values: dict[str, Any], names: tuple[str, ...]) -> Any:
@@ -236,6 +272,8 @@ def _kalibr(values: dict[str, Any]) -> ForeignCalibration:
     if cam.get("camera_model", "pinhole") != "pinhole":
         raise InputError(f"expected the camera_model pinhole, got '{cam['camera_model']}'.")
     models = {"radtan": "opencv", "equidistant": "equidistant", "equi": "equidistant", "fov": "fov"}
+    if "distortion_model" not in cam and cam.get("distortion_coeffs"):
+        raise KeyError("distortion_model")
     told = str(cam.get("distortion_model", "none"))
     if told not in (*models, "none"):
         raise InputError(f"expected the distortion_model radtan, equi or fov, got '{told}'.")
@@ -279,6 +317,11 @@ def _foreign(
             raise InputError("expected a sensor that is not tilted (coefficients 13 and 14 0).")
         values = (values + [0.0] * 12)[:12]
     else:
+        known = 1 if model == "fov" else 4
+        if any(values[known:]):
+            raise InputError(
+                f"expected {known} coefficients of the model {model}, got {len(values)}."
+            )
         values = (values + [0.0] * 4)[:4]
     return ForeignCalibration(
         source=source,
