@@ -47,7 +47,8 @@ def plan(arguments: argparse.Namespace) -> int:
     """Plan the images of an in-machine calibration, and write them as a program."""
     from omm_core.errors import InputError
     from omm_core.files.output import write_whole
-    from omm_report.calibration_plan_text import calibration_plan_lines
+    from omm_core.planning.other_programs import program_text
+    from omm_report.calibration_plan_text import calibration_plan_lines, program_lines
     from omm_runs.calibration_planning import (
         CalibrationPlanRequest,
         calibration_program,
@@ -75,7 +76,9 @@ def plan(arguments: argparse.Namespace) -> int:
     write_json(arguments.json, planned.to_json_dict())
     print("\n".join(calibration_plan_lines(scene, planned, arguments.want)))
     if arguments.out is not None and planned.reached:
-        write_whole(arguments.out, calibration_program(scene, planned, arguments.control))
+        program = calibration_program(scene, planned)
+        write_whole(arguments.out, program_text(program, arguments.control))
+        print("\n".join(program_lines(program, planned, arguments.control)))
     return 0 if planned.reached else 1
 
 

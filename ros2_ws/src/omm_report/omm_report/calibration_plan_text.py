@@ -5,6 +5,7 @@ import numpy as np
 from omm_core.camera_calibration.model import PARAMETERS
 from omm_core.camera_calibration.result import DISTANCES_MM
 from omm_core.planning.calibration_plan import SIGMA_PX, CalibrationPlan, CalibrationScene
+from omm_core.planning.program import Program
 
 
 def calibration_plan_lines(
@@ -37,3 +38,20 @@ def calibration_plan_lines(
             f" {scene.touch_sigma_mm:g}}}"
         )
     return lines + [f"finding: {words}" for words in plan.findings]
+
+
+def program_lines(program: Program, plan: CalibrationPlan, control: str) -> list[str]:
+    """Return what a written program does about the height to touch."""
+    if plan.touch is None:
+        return []
+    if program.touch is None:
+        return [
+            f"the program does not touch target {plan.touch}: the spindle does not come to it from"
+            " straight above; touch it by hand"
+        ]
+    if control != "linuxcnc":
+        return [f"the program's last comments say how to touch target {plan.touch}"]
+    return [
+        f"the program touches target {plan.touch} at its end, once the length of the probe is"
+        " written into it (_omm_probe_mm), and logs the line for set.yaml in omm_touched.txt"
+    ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +18,8 @@ from omm_core.planning.calibration_plan import (
     CalibrationScene,
     plan_calibration,
 )
-from omm_core.planning.other_programs import program_text
-from omm_core.planning.program import ProgramStop, make_program
+from omm_core.planning.program import Program, ProgramStop, make_program
+from omm_core.planning.touch import touch_at
 
 _STOP_SIGMA_MM = 0.003  # where machine.yaml does not tell it
 
@@ -60,10 +60,25 @@ def plan_from_files(request: CalibrationPlanRequest) -> tuple[CalibrationScene, 
     return scene, plan_calibration(scene, request.want_px)
 
 
-def calibration_program(scene: CalibrationScene, plan: CalibrationPlan, control: str) -> str:
-    """Return the program that takes the images, with the handshake that the bridge answers."""
+def calibration_program(scene: CalibrationScene, plan: CalibrationPlan) -> Program:
+    """Return the program that takes the images, and touches the target where the plan names one.
+
+    ``touch`` is None where the machine cannot touch it from above (touch.py).
+    """
     stops = [
         ProgramStop(axes=stop.axes, label=f"calibration {number} of {len(plan.stops)}")
         for number, stop in enumerate(plan.stops, start=1)
     ]
-    return program_text(make_program(scene.kinematics, stops, title="calibrate camera"), control)
+    program = make_program(scene.kinematics, stops, title="calibrate camera")
+    if plan.touch is None or scene.touch_sigma_mm is None:
+        return program
+    places = {target.id: target.xyz_mm for target in scene.plate.targets}
+    touch = touch_at(
+        scene.kinematics,
+        {name: plan.stops[-1].axes[name] for name in scene.kinematics.rotary},
+        next(iter(program.away)),
+        scene.machine_T_plate @ places[plan.touch],
+        plan.touch,
+        scene.touch_sigma_mm,
+    )
+    return replace(program, touch=touch)

@@ -22,6 +22,7 @@ from collections.abc import Mapping
 
 from omm_core.errors import InputError
 from omm_core.planning.program import Program, ProgramStop
+from omm_core.planning.touch import linuxcnc_touch
 
 _WORDS = "XYZABCUVW"
 _SHIFTED = "XYZ"
@@ -60,6 +61,8 @@ def linuxcnc_program(program: Program) -> str:
     for number, stop in enumerate(program.stops, start=1):
         lines += _stop(program, number, stop, corrected)
     lines += _away(program)
+    if program.touch is not None:
+        lines += linuxcnc_touch(program.touch, program.away[program.touch.axis])
     lines += ["M72", "M2", "%"]
     return "%\n" + "\n".join(lines) + "\n"
 

@@ -16,6 +16,7 @@ from omm_core.errors import InputError
 from omm_core.planning.led_dialects import FIRST, LED, Led
 from omm_core.planning.linuxcnc_program import linuxcnc_program
 from omm_core.planning.program import Program, ProgramStop
+from omm_core.planning.touch import words_of_touch
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,6 +148,9 @@ class _Writer:
         for number, stop in enumerate(program.stops, start=1):
             lines += self._stop(number, stop)
         lines += self._moved(program.away)
+        if program.touch is not None:
+            words = words_of_touch(program.touch, self.control)
+            lines += [dialect.comment.format(c=line) for line in words]
         return [*lines, *dialect.end, *(led.subprogram if led else ()), *dialect.last]
 
     @property

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from omm_core.errors import InputError
 from omm_core.machine.kinematics import Kinematics
+from omm_core.planning.touch import Touch
 
 Array = NDArray[np.float64]
 
@@ -90,6 +91,8 @@ class Program:
     outward : float
         +1 where larger values of the first of them are farther out, else -1.
     rotary : frozenset of str
+    touch : Touch, optional
+        A height to touch when the images are done.
     """
 
     title: str
@@ -99,6 +102,7 @@ class Program:
     outward: float
     rotary: frozenset[str]
     options: ProgramOptions = field(default_factory=ProgramOptions)
+    touch: Touch | None = None
 
 
 def make_program(
