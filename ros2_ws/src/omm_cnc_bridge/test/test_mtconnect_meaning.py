@@ -61,6 +61,8 @@ def test_the_machine_position_is_taken_whatever_stands_beside_it(other, machine)
         (f'id="o" {GOOD} coordinateSystemIdRef="nowhere"', "Linear", "does not define"),
         (f'id="o" {GOOD} representation="DATA_SET"', "Linear", "DATA_SET"),
         ('id="o" category="SAMPLE" type="POSITION"', "Linear", "no unit"),
+        (f'id="o" {GOOD.replace("METER", "METER_3D")}', "Linear", "MILLIMETER_3D, expected"),
+        (f'id="o" {GOOD} coordinateSystem=""', "Linear", "untold coordinates"),
         ('id="o" category="SAMPLE" type="ANGLE" units="MILLIMETER"', "Rotary", "MILLIMETER"),
         (f'id="o" {GOOD}', "Rotary", "has a ANGLE"),
     ],
@@ -74,6 +76,49 @@ def test_an_axis_without_a_sure_position_is_unusable_and_says_why(item, componen
 def test_two_positions_that_nothing_tells_apart_are_not_taken_by_their_order():
     device = read_device(model(f'id="a" {GOOD}', f'id="b" {GOOD}'), "")
     assert "a, b" in device.unusable["X"]
+
+
+def test_an_axis_of_which_only_the_command_is_told_is_named_not_dropped():
+    device = read_device(model(f'id="o" {GOOD.replace("ACTUAL", "COMMANDED")}'), "")
+    assert device.unusable == {"X": "only the commanded position is told"}
+
+
+SHIFTED = """<CoordinateSystem id="{id}" type="MACHINE" parentIdRef="mc"><Transformation>
+<Translation>10 20 30</Translation></Transformation></CoordinateSystem>
+<CoordinateSystem id="mc" type="MACHINE" parentIdRef="earth"/><CoordinateSystem id="earth" type="WORLD"/>"""
+
+
+def test_a_machine_system_within_another_is_not_the_machines_own(monkeypatch):
+    monkeypatch.setitem(globals(), "SYSTEMS", SHIFTED.format(id="shifted"))
+    shifted = f'id="s" {GOOD} coordinateSystemIdRef="shifted"'
+    assert "MACHINE in mc coordinates" in read_device(model(shifted), "").unusable["X"]
+    assert chosen(model(shifted, f'id="m" {GOOD} coordinateSystemIdRef="mc"')) == "m"
+
+
+def test_coordinate_systems_that_lie_in_each_other_end(monkeypatch):
+    loop = '<CoordinateSystem id="mc" type="MACHINE" parentIdRef="a"/>'
+    loop += '<CoordinateSystem id="a" type="WORLD" parentIdRef="mc"/>'
+    monkeypatch.setitem(globals(), "SYSTEMS", loop)
+    assert chosen(model(f'id="m" {GOOD} coordinateSystemIdRef="mc"')) == "m"
+
+
+def test_of_the_tool_points_of_two_paths_none_is_taken_by_its_order():
+    point = (
+        'category="SAMPLE" type="PATH_POSITION" units="MILLIMETER_3D" coordinateSystem="MACHINE"'
+    )
+    paths = "".join(
+        f'<Path><DataItems><DataItem id="{name}" {point}/></DataItems></Path>' for name in "pq"
+    )
+    axis = f'id="o" {GOOD} coordinateSystem="WORK"'
+    text = model(axis, more=paths)
+    assert {i.role for i in read_device(text, "").items.values()} == {"measured"}
+    with pytest.raises(InputError, match="p, q: the model does not say which tool point"):
+        read_device(
+            text.replace(b'<Linear id="y"', b'<Other id="y"').replace(
+                b"</Linear><Path", b"</Other><Path"
+            ),
+            "",
+        )
 
 
 def test_two_axes_of_one_name_are_refused():

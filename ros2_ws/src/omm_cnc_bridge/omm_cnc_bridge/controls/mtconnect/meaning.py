@@ -13,13 +13,13 @@ from omm_core.errors import InputError
 
 LENGTHS = {
     "MILLIMETER": 1.0,
-    "MILLIMETER_3D": 1.0,
     "CENTIMETER": 10.0,
     "METER": 1000.0,
     "INCH": 25.4,
 }
 ANGLES = {"RADIAN": 1.0, "DEGREE": 0.017453292519943295}
-_UNITS_OF = {"POSITION": LENGTHS, "ANGLE": ANGLES, "PATH_POSITION": LENGTHS}
+_OF_POINT = {"MILLIMETER_3D": 1.0}
+_UNITS_OF = {"POSITION": LENGTHS, "ANGLE": ANGLES, "PATH_POSITION": LENGTHS | _OF_POINT}
 _TYPE_OF = {"Linear": "POSITION", "Rotary": "ANGLE"}
 _POSITIONS = ("POSITION", "ANGLE")
 
@@ -56,10 +56,21 @@ class Unfit(Exception):
 
 
 def coordinate_systems(device: ET.Element) -> dict[str, str]:
-    """Return the type of each coordinate system that the device defines (2.x), by its id."""
-    return {
-        e.get("id", ""): e.get("type", "") for e in device.iter() if tag(e) == "CoordinateSystem"
-    }
+    """Return the type of each coordinate system that the device defines (2.x), by its id.
+
+    One of type MACHINE that lies in another of that type is not the machine's own.
+    """
+    found = [e for e in device.iter() if tag(e) == "CoordinateSystem"]
+    types = {e.get("id", ""): e.get("type") or "untold" for e in found}
+    parents = {e.get("id", ""): e.get("parentIdRef") for e in found}
+    for system in [name for name, kind in types.items() if kind == "MACHINE"]:
+        parent, below = parents[system], {system}
+        while parent is not None and parent not in below:
+            if types.get(parent, "").startswith("MACHINE"):
+                types[system] = f"MACHINE in {parent}"
+            below.add(parent)
+            parent = parents.get(parent)
+    return types
 
 
 def axis_items(component: ET.Element, systems: Mapping[str, str]) -> Device:
@@ -84,6 +95,8 @@ def axis_items(component: ET.Element, systems: Mapping[str, str]) -> Device:
         except Unfit as error:
             reasons.append(str(error))
             found[role] = []
+    if found["commanded"] and not found["measured"]:
+        reasons.append("only the commanded position is told")
     if reasons and not found["measured"]:
         return Device(items=items, unusable={axis: "; ".join(reasons)})
     return Device(items=items)
@@ -175,7 +188,7 @@ def _system_rank(data: ET.Element, systems: Mapping[str, str]) -> int:
     """
     told, reference = data.get("coordinateSystem"), data.get("coordinateSystemIdRef")
     if told not in (None, "MACHINE"):
-        raise Unfit(f"is in {told} coordinates")
+        raise Unfit(f"is in {told or 'untold'} coordinates")
     if reference is None:
         return 1 if told is None else 0
     if reference not in systems:

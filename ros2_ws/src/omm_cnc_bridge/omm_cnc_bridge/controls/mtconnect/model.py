@@ -85,7 +85,7 @@ def read_device(text: bytes, name: str) -> Device:
         elif tag(component) in ("Device", "Controller", "Path"):
             events |= _controller_items(component, systems, reasons)
     device = join(axes)
-    items = {**device.items, **events}
+    items = {**device.items, **_one_tool_point(events, reasons)}
     reasons += [f"{axis}: {why}" for axis, why in device.unusable.items()]
     if not any(item.role in ("measured", "path") for item in items.values()):
         raise InputError(
@@ -93,6 +93,15 @@ def read_device(text: bytes, name: str) -> Device:
             f"{': ' if reasons else ''}{'; '.join(reasons)}."
         )
     return Device(items=items, unusable=device.unusable)
+
+
+def _one_tool_point(events: dict[str, Item], reasons: list[str]) -> dict[str, Item]:
+    """Return the items with one tool point at most: which of several is meant nothing tells."""
+    points = [name for name, item in events.items() if item.role == "path"]
+    if len(points) < 2:
+        return events
+    reasons.append(f"{', '.join(points)}: the model does not say which tool point is the spindle's")
+    return {name: item for name, item in events.items() if name not in points}
 
 
 def _controller_items(
