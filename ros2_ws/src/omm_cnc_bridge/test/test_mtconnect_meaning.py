@@ -85,7 +85,8 @@ def test_an_axis_of_which_only_the_command_is_told_is_named_not_dropped():
 
 SHIFTED = """<CoordinateSystem id="{id}" type="MACHINE" parentIdRef="mc"><Transformation>
 <Translation>10 20 30</Translation></Transformation></CoordinateSystem>
-<CoordinateSystem id="mc" type="MACHINE" parentIdRef="earth"/><CoordinateSystem id="earth" type="WORLD"/>"""
+<CoordinateSystem id="mc" type="MACHINE" parentIdRef="earth"/>
+<CoordinateSystem id="earth" type="WORLD"/>"""
 
 
 def test_a_machine_system_within_another_is_not_the_machines_own(monkeypatch):

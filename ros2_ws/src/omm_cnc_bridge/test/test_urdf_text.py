@@ -64,3 +64,27 @@ def test_links_that_go_round_beside_the_root_are_refused_not_followed_for_ever(t
     (tmp_path / "mill.urdf").write_text(f'<robot name="r">{links}{joints}</robot>')
     with pytest.raises(InputError, match=r"mill\.urdf: .*loop"):
         Kinematics.load(tmp_path / "mill.urdf")
+
+
+@pytest.mark.parametrize(
+    ("axes", "words"),
+    [
+        ("X: {ignored: true}", "ignored axes to move neither.*got X"),
+        ("W: {follows: V}\n  V: {follows: W}", "axes that follow each other: W, V"),
+        ("X2: {follows: X, tolerance_rad: 5}", "tolerance_mm of X2, as X does not turn"),
+        ("X2: {follows: X, tolerance_mm: 1, tolerance_rad: 1}", "one of tolerance_mm and"),
+    ],
+)
+def test_rules_of_axes_that_contradict_the_machine_are_refused(tmp_path, axes, words):
+    """An ignored axis of the URDF would move the spindle unseen; a circle stands nowhere."""
+    written(tmp_path)
+    (tmp_path / "machine.yaml").write_text(f"machine: {{urdf: mill.urdf}}\naxes:\n  {axes}\n")
+    with pytest.raises(InputError, match=words):
+        Kinematics.load(tmp_path / "machine.yaml")
+
+
+def test_the_length_of_an_axis_says_nothing_however_large(tmp_path):
+    path = written(tmp_path)
+    path.write_text(path.read_text().replace('xyz="1 0 0"', 'xyz="1e308 0 1e308"'))
+    half = Kinematics.load(path).machine_T_spindle({"X": 1.0}).translation_mm
+    assert half == pytest.approx([0.5**0.5, 0.0, 0.5**0.5])

@@ -58,6 +58,8 @@ class Follows:
     leader: str
     tolerance: float | None = None
     """mm, or rad where the leader turns; None where the file does not say."""
+    in_rad: bool | None = field(default=None, compare=False)
+    """Whether the file gives the tolerance in rad; None where it gives none."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -185,7 +187,22 @@ def _axes(
         raise InputError(
             f"{axes.where}: expected {', '.join(both)} to be ignored or to follow, got both."
         )
+    _refuse_circles(follows, axes.where)
     return follows, frozenset(ignored), dynamics
+
+
+def _refuse_circles(follows: Mapping[str, Follows], where: str) -> None:
+    """Raise InputError where axes follow each other: then the URDF has none of them."""
+    for name in follows:
+        way, leader = [name], follows[name].leader
+        while leader in follows and leader not in way:
+            way.append(leader)
+            leader = follows[leader].leader
+        if leader in way:
+            raise InputError(
+                f"{where}: expected {name} to follow an axis of the URDF, got axes that follow"
+                f" each other: {', '.join(way)}."
+            )
 
 
 def _limit(axis: YamlSection, name: str, per: str) -> float | None:
@@ -198,5 +215,12 @@ def _limit(axis: YamlSection, name: str, per: str) -> float | None:
 def _follows(name: str, axis: _Axis, where: str) -> Follows:
     if axis.follows == name:
         raise InputError(f"{where}: expected another axis to follow, got itself.")
-    tolerance = axis.tolerance_rad if axis.tolerance_mm is None else axis.tolerance_mm
-    return Follows(leader=str(axis.follows), tolerance=tolerance)
+    if axis.tolerance_mm is not None and axis.tolerance_rad is not None:
+        raise InputError(f"{where}: expected one of tolerance_mm and tolerance_rad, got both.")
+    in_rad = axis.tolerance_rad is not None
+    tolerance = axis.tolerance_rad if in_rad else axis.tolerance_mm
+    return Follows(
+        leader=str(axis.follows),
+        tolerance=tolerance,
+        in_rad=None if tolerance is None else in_rad,
+    )

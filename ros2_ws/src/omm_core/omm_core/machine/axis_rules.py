@@ -7,9 +7,10 @@ refused: a quill or a turned table that nobody told us of would make a wrong pos
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, field
 
+from omm_core.errors import InputError
 from omm_core.files.machine import Follows, Machine
 from omm_core.words import NOTHING, Words, keyed, verbatim
 
@@ -28,6 +29,31 @@ class AxisRules:
     def of(cls, machine: Machine) -> AxisRules:
         """Return the rules that a machine's file gives."""
         return cls(follows=machine.follows, ignored=machine.ignored)
+
+    def check(self, machine: str, moving: Set[str], turning: Mapping[str, bool]) -> None:
+        """Raise InputError where a rule contradicts the URDF of a machine.
+
+        Parameters
+        ----------
+        machine : str
+            Its name, for messages.
+        moving : set of str
+            Axes that move spindle or part: an ignored one would move them unseen.
+        turning : mapping
+            Every axis of the URDF, and whether it turns.
+        """
+        if both := sorted(self.ignored & moving):
+            raise InputError(
+                f"Expected ignored axes to move neither spindle nor part, got {', '.join(both)},"
+                f" which the URDF of {machine} has. Take it out of one of the two."
+            )
+        for axis, follows in self.follows.items():
+            turns = turning.get(follows.leader)
+            if None not in (turns, follows.in_rad) and turns != follows.in_rad:
+                raise InputError(
+                    f"Expected tolerance_{'rad' if turns else 'mm'} of {axis}, as"
+                    f" {follows.leader} {'turns' if turns else 'does not turn'}, got the other."
+                )
 
     def refusal(
         self,

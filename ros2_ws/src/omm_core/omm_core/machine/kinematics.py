@@ -98,6 +98,7 @@ class Kinematics:
         """Every axis of the URDF, those that move neither tool nor part included: does it turn?"""
         if not self.axes:
             raise InputError(f"Expected axes between {spindle} and the part of {robot.name}.")
+        self.rules.check(robot.name, {axis.name for axis in self.axes}, self.turning)
         zero = {axis.name: 0.0 for axis in self.axes}
         self._machine_T_carrier0 = _product(self._to_part, zero)
 

@@ -188,8 +188,8 @@ def _origin(element: ET.Element | None, name: str) -> NDArray[np.float64]:
 def _direction(element: ET.Element, name: str) -> NDArray[np.float64]:
     axis = element.find("axis")
     direction = _numbers("1 0 0" if axis is None else axis.get("xyz", "1 0 0"), name)
-    length = float(np.linalg.norm(direction))
-    if length < 1e-9:
+    length = math.hypot(*direction)  # numpy's would warn where it overflows
+    if not 1e-9 < length < math.inf:
         raise InputError(f"Expected an axis of joint {name} with a length, got {direction}.")
     return np.asarray(direction / length)
 
