@@ -13,6 +13,60 @@ from omm_core.targets.conic.outline import square_root
 
 
 @numba.njit(cache=True, error_model="numpy")
+def _share(u, v, root, ring, s, bits, phase, beside):
+    """Return the ring's share of the pixel at (u, v), dot radii.
+
+    Parameters
+    ----------
+    root, ring : square root (a11, a12, a22) of the outline, px per dot radius; the ring's inner
+        and outer radius. s : blur, px. bits, phase : what is set, from which angle on.
+    beside : how near (dot radii) an edge inside the ring must not be.
+
+    Returns
+    -------
+    share. z_out : how far inside the outer edge, in s. known : False where such an edge is near.
+    """
+    a11, a12, a22 = root
+    inner, outer = ring
+    det = a11 * a22 - a12 * a12
+    n = len(bits)
+    pitch = 2.0 * math.pi / n
+    square = u * u + v * v
+    rho = math.sqrt(square)
+    if abs(rho - inner) < beside:
+        return 0.0, 0.0, False
+    # Pixels per dot radius across circles, and per radian across the sectors' borders.
+    across = rho * det / math.sqrt((a22 * u - a12 * v) ** 2 + (a11 * v - a12 * u) ** 2)
+    # What is round looks smaller when it is blurred, see `dot_model`.
+    bulge = 0.5 * s * across**3 / det**2
+    z_in = (rho - inner) * across / s + bulge / inner
+    z_out = (outer - rho) * across / s - bulge / outer
+    share = 0.0
+    if z_in > -3.0:
+        turn = (math.atan2(v, u) - phase) / pitch
+        k = math.floor(turn + 0.5)
+        before, after = bits[(k - 1) % n], bits[k % n]
+        share = before + 0.0
+        if before != after:
+            if abs(turn - k) * pitch * rho < beside:
+                return 0.0, 0.0, False
+            along = math.sqrt((a11 * u + a12 * v) ** 2 + (a12 * u + a22 * v) ** 2)
+            side = square * det / along
+            share += (after - before) * phi((turn - k) * pitch * side / s)
+        share *= phi(z_in) * phi(z_out)
+    return share, z_out, True
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _unknowns(share, tx, ty, g):
+    """Fill what a grey value changes by with each of the eight unknowns of `ring_light` (8,)."""
+    bend = tx * tx + ty * ty - 4.0
+    g[0], g[1], g[2] = share, share * tx, share * ty
+    g[3], g[4], g[5] = 1.0 - share, (1.0 - share) * tx, (1.0 - share) * ty
+    g[6], g[7] = share * bend, (1.0 - share) * bend
+
+
+@numba.njit(cache=True, error_model="numpy")
 def ring_light(image, start, lean, inner, outer, bits, phase, s, saturation, mixed):
     """Return planes of light F and B through what lies around the dot, ring and gap.
 
@@ -27,7 +81,7 @@ def ring_light(image, start, lean, inner, outer, bits, phase, s, saturation, mix
     saturated or 0. taken (N, 4): the pixels, for `ring_scatter`.
     """
     height, width = image.shape
-    a11, a12, a22 = square_root(start[2], start[3], start[4])
+    root = a11, a12, a22 = square_root(start[2], start[3], start[4])
     det = a11 * a22 - a12 * a12
     r0 = math.sqrt(det)
     reach = outer * math.sqrt(max(a11 * a11 + a12 * a12, a12 * a12 + a22 * a22)) + 2.0 * s + 1.0
@@ -35,8 +89,6 @@ def ring_light(image, start, lean, inner, outer, bits, phase, s, saturation, mix
     # Of large targets there is enough to stay clear of edges that perspective may have moved.
     beside = 0.15 if r0 > 8.0 else 0.0
     nearest = 1.0 + 0.6 * (inner - 1.0)
-    n = len(bits)
-    pitch = 2.0 * math.pi / n
     normal = np.zeros((8, 8))
     right = np.zeros(8)
     count, clipped = np.zeros(2), np.zeros(2)
@@ -54,28 +106,9 @@ def ring_light(image, start, lean, inner, outer, bits, phase, s, saturation, mix
             square = u * u + v * v
             if square < nearest * nearest or square > (outer - beside) ** 2:
                 continue
-            rho = math.sqrt(square)
-            if abs(rho - inner) < beside:
+            share, z_out, known = _share(u, v, root, (inner, outer), s, bits, phase, beside)
+            if not known:
                 continue
-            # Pixels per dot radius across circles, and per radian across the sectors' borders.
-            across = rho * det / math.sqrt((a22 * u - a12 * v) ** 2 + (a11 * v - a12 * u) ** 2)
-            # What is round looks smaller when it is blurred, see `dot_model`.
-            bulge = 0.5 * s * across**3 / det**2
-            z_in = (rho - inner) * across / s + bulge / inner
-            z_out = (outer - rho) * across / s - bulge / outer
-            share = 0.0
-            if z_in > -3.0:
-                turn = (math.atan2(v, u) - phase) / pitch
-                k = math.floor(turn + 0.5)
-                before, after = bits[(k - 1) % n], bits[k % n]
-                share = before + 0.0
-                if before != after:
-                    if abs(turn - k) * pitch * rho < beside:
-                        continue
-                    along = math.sqrt((a11 * u + a12 * v) ** 2 + (a12 * u + a22 * v) ** 2)
-                    side = square * det / along
-                    share += (after - before) * phi((turn - k) * pitch * side / s)
-                share *= phi(z_in) * phi(z_out)
             if mixed < share < 1.0 - mixed or (share > 0.5 and z_out < 1.5):
                 continue
             value = image[row, col] + 0.0
@@ -83,10 +116,7 @@ def ring_light(image, start, lean, inner, outer, bits, phase, s, saturation, mix
                 clipped[0 if share > 0.5 else 1] += 1.0
                 continue
             tx, ty = dx / r0, dy / r0
-            bend = tx * tx + ty * ty - 4.0
-            g[0, used], g[1, used], g[2, used] = share, share * tx, share * ty
-            g[3, used], g[4, used], g[5, used] = 1.0 - share, (1.0 - share) * tx, (1.0 - share) * ty
-            g[6, used], g[7, used] = share * bend, (1.0 - share) * bend
+            _unknowns(share, tx, ty, g[:, used])
             values[used] = value
             taken[used, 0], taken[used, 1], taken[used, 2], taken[used, 3] = share, tx, ty, value
             used += 1
