@@ -24,6 +24,7 @@ _FEWEST_FOR_POLARITY = 3
 _FOCAL_LENGTH, _AS_35MM, _EXIF_WIDTH = 37386, 41989, 40962  # EXIF 2.3
 _PLANE_RESOLUTION, _PLANE_UNIT = 41486, 41488
 _DIAGONAL_35MM = 43.267
+_SAME_FOCAL = 1.02  # ratio of what EXIF tells of one setting: makers round it
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -84,19 +85,23 @@ def focal_length_px(photos: tuple[Path, ...], size_px: tuple[int, int]) -> float
     InputError
         Where it tells none, or different ones.
     """
-    told = {photo: _exif_focal_px(photo, size_px) for photo in photos}
-    known = sorted({round(f, 1) for f in told.values() if f is not None})
+    told = {photo.name: _exif_focal_px(photo, size_px) for photo in photos}
+    known = {name: f for name, f in told.items() if f is not None}
     if not known:
         raise InputError(
             "The photographs' EXIF tells no focal length: expected camera: {pixel_size_mm,"
             " focal_length_mm} in survey.yaml."
         )
-    if known[-1] > 1.02 * known[0]:
+    values = sorted(known.values())
+    usual = values[len(values) // 2]
+    if values[-1] > _SAME_FOCAL * values[0]:
+        others = [name for name, f in known.items() if abs(f / usual - 1.0) > _SAME_FOCAL - 1.0]
         raise InputError(
-            f"The photographs' EXIF tells focal lengths from {known[0]:.0f} to {known[-1]:.0f}"
-            " pixels: one survey takes one camera with one setting. Leave the others out."
+            f"The photographs' EXIF tells focal lengths from {values[0]:.0f} to {values[-1]:.0f}"
+            " pixels: one survey takes one camera with one setting. Leave out (leave_out in"
+            f" survey.yaml) those that differ: {', '.join((others or list(known))[:10])}."
         )
-    return known[len(known) // 2]
+    return usual
 
 
 def _exif_focal_px(photo: Path, size_px: tuple[int, int]) -> float | None:

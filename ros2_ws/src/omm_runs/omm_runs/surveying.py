@@ -39,8 +39,8 @@ def survey(path: Path) -> SurveyResult:
     readable = [s.size_px for s in seen if s.problem is None] or [(1, 1)]
     size = given.size_px or Counter(readable).most_common(1)[0][0]
     left_out = _left_out(given, seen, size)
-    focal = given.focal_length_px or focal_length_px(given.photos, size)
     taken = {n: s for n, s in enumerate(seen) if n not in left_out}
+    focal = given.focal_length_px or focal_length_px(tuple(given.photos[n] for n in taken), size)
     network = solve_network(
         [sighting_of_target(n, target) for n, s in taken.items() for target in s.targets],
         [Bar(ends=b.ends, length_mm=b.length_mm, sigma_mm=b.sigma_mm) for b in given.scale_bars],

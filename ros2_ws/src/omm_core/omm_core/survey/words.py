@@ -37,6 +37,7 @@ def findings_of(
         *_few_rays(network),
         *_weak_angles(network),
         *_roll(network),
+        *_lens(network),
         *_focal(network, nominal_focal_px),
         *_left_out_rays(network),
     ]
@@ -141,6 +142,17 @@ def one_roll_angle(network: Network) -> bool:
         return False
     directions = up[tilted, :2] / across[tilted, None]
     return bool(np.linalg.norm(directions.mean(axis=0)) > 0.97)
+
+
+def _lens(network: Network) -> list[str]:
+    """Tell that the lens was taken as declared, where there are too few photographs for it."""
+    if network.solution.covariance_of("lens")[0, 0] > 0.0:
+        return []
+    return [
+        f"{len(network.photos)} photographs do not calibrate the lens: it counts as exactly as"
+        " declared and free of distortion, and no covariance says what that costs. Take four"
+        " photographs or more."
+    ]
 
 
 def _focal(network: Network, nominal_px: float) -> list[str]:
