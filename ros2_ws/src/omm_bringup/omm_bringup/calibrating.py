@@ -47,7 +47,7 @@ def plan(arguments: argparse.Namespace) -> int:
     """Plan the images of an in-machine calibration, and write them as a program."""
     from omm_core.errors import InputError
     from omm_core.files.output import write_whole
-    from omm_core.planning.other_programs import program_text
+    from omm_core.planning.other_programs import CONTROLS, program_text
     from omm_report.calibration_plan_text import calibration_plan_lines, program_lines
     from omm_runs.calibration_planning import (
         CalibrationPlanRequest,
@@ -63,6 +63,10 @@ def plan(arguments: argparse.Namespace) -> int:
         raise InputError(
             f"--plan needs {options}: the plate, a nominal camera, the machine, where."
         )
+    if arguments.control not in CONTROLS:
+        raise InputError(
+            f"Expected a control out of {', '.join(CONTROLS)}, got '{arguments.control}'."
+        )
     scene, planned = plan_from_files(
         CalibrationPlanRequest(
             plate_file=arguments.part,
@@ -70,7 +74,7 @@ def plan(arguments: argparse.Namespace) -> int:
             machine_file=arguments.machine,
             plate_at_mm=tuple(arguments.part_at),
             want_px=arguments.want,
-            touch_sigma_mm=arguments.touch if arguments.touch > 0 else None,
+            touch_sigma_mm=arguments.touch if arguments.touch != 0.0 else None,
         )
     )
     write_json(arguments.json, planned.to_json_dict())

@@ -148,3 +148,41 @@ def test_templates_of_other_controls_say_it_in_comments_only(files, tmp_path, co
     lines = [line for line in program.read_text().splitlines() if cycle in line]
     assert len(lines) == 1
     assert lines[0].startswith("(" if control == "fanuc" else ";")
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (["--touch", "-1"], "sigma of a touched height"),
+        (["--touch", "1e-200"], "sigma of a touched height"),
+        (["--want", "0"], "above 0 px"),
+        (["--control", "abacus"], "linuxcnc"),
+        (["--machine", "{tmp}/bare.yaml"], "'urdf' is missing"),
+        (["--machine", "{tmp}/none.yaml"], "no such file"),
+        (["--part", "{tmp}/none.yaml"], "no such file"),
+        (["--part", "{tmp}/two.yaml"], "at least 3 targets"),
+        (["--part", "{tmp}/empty.yaml"], "at least one entry"),
+        (["--calibration", "{tmp}/part.yaml"], "'camera' is missing"),
+        (["--part-at", "9000", "0", "0"], "the machine reaches fewer than three"),
+    ],
+)
+def test_what_cannot_be_planned_is_said_with_status_2_and_leaves_no_file(
+    files, tmp_path, capsys, more, said
+):
+    part = yaml.safe_load((tmp_path / "part.yaml").read_text())
+    (tmp_path / "two.yaml").write_text(yaml.safe_dump({**part, "targets": part["targets"][:2]}))
+    (tmp_path / "empty.yaml").write_text(yaml.safe_dump({**part, "targets": []}))
+    (tmp_path / "bare.yaml").write_text("machine: {name: mill 1}")
+    out, program = tmp_path / "plan.json", tmp_path / "p.ngc"
+    command = [*files, *(word.format(tmp=tmp_path) for word in more)]
+    assert main([*command, "--json", str(out), "--out", str(program)]) == 2
+    assert said in capsys.readouterr().err
+    assert not out.exists()
+    assert not program.exists()
+
+
+def test_a_wish_beyond_all_patterns_is_status_1_and_no_program(files, tmp_path, capsys):
+    program = tmp_path / "p.ngc"
+    assert main([*files, "--want", "1e-200", "--out", str(program)]) == 1
+    assert "does NOT give" in capsys.readouterr().out
+    assert not program.exists()

@@ -22,6 +22,8 @@ from omm_core.planning.program import Program, ProgramStop, make_program
 from omm_core.planning.touch import touch_at
 
 _STOP_SIGMA_MM = 0.003  # where machine.yaml does not tell it
+_FEWEST = 3  # targets that an image must show
+_EXACTEST_MM, _COARSEST_MM = 1e-6, 1000.0  # of a touched height
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,16 +48,28 @@ def plan_from_files(request: CalibrationPlanRequest) -> tuple[CalibrationScene, 
     """
     if not request.want_px > 0.0:
         raise InputError(f"Expected a wanted uncertainty above 0 px, got {request.want_px:g}.")
+    touch = request.touch_sigma_mm
+    if touch is not None and not _EXACTEST_MM <= touch <= _COARSEST_MM:
+        raise InputError(
+            f"Expected the sigma of a touched height between {_EXACTEST_MM:g} and"
+            f" {_COARSEST_MM:g} mm, or 0 for none, got {touch:g}."
+        )
+    plate = load_part(request.plate_file)
+    if len(plate.targets) < _FEWEST:
+        raise InputError(
+            f"{request.plate_file}: expected a plate of at least {_FEWEST} targets, got"
+            f" {len(plate.targets)}."
+        )
     declared = load_machine(request.machine_file).uncertainty.stop_sigma_mm
     scene = CalibrationScene(
-        plate=load_part(request.plate_file),
+        plate=plate,
         machine_T_plate=RigidTransform(
             rotation=np.eye(3), translation_mm=np.array(request.plate_at_mm)
         ),
         camera=load_calibration(request.camera_file),
         kinematics=Kinematics.load(request.machine_file),
         stop_sigma_mm=_STOP_SIGMA_MM if declared is None else max(declared, 1e-4),
-        touch_sigma_mm=request.touch_sigma_mm,
+        touch_sigma_mm=touch,
     )
     return scene, plan_calibration(scene, request.want_px)
 
