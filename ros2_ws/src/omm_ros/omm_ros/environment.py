@@ -12,6 +12,7 @@ from ament_index_python import get_resources
 from omm_core.errors import InputError
 
 LARGEST_DOMAIN = 232  # above it, the ports of DDS end
+_LOGS_BELOW = {"ROS_LOG_DIR": "", "ROS_HOME": "log", "HOME": ".ros/log"}  # the first that is set
 
 
 def check_environment() -> None:
@@ -39,12 +40,14 @@ def _check_domain(text: str) -> None:
 
 
 def _check_log_folder() -> None:
-    """Make ROS's log folder (ROS_LOG_DIR, or below ROS_HOME); check that it is writable."""
-    variable = next((name for name in ("ROS_LOG_DIR", "ROS_HOME") if os.environ.get(name)), None)
+    """Make ROS's log folder (ROS_LOG_DIR, or below ROS_HOME, HOME); check that it is writable."""
+    variable = next((name for name in _LOGS_BELOW if os.environ.get(name)), None)
     if variable is None:
-        return
-    folder = Path(os.environ[variable]).expanduser()
-    folder = folder / "log" if variable == "ROS_HOME" else folder
+        raise InputError(
+            "ROS_LOG_DIR: expected a folder that logs can be written to, got neither it nor"
+            " ROS_HOME nor HOME. Set it to a folder of yours."
+        )
+    folder = Path(os.environ[variable]).expanduser() / _LOGS_BELOW[variable]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -52,5 +55,10 @@ def _check_log_folder() -> None:
     except OSError as error:
         raise InputError(
             f"{variable}: expected a folder that logs can be written to, got {folder}: "
-            f"{error.strerror}. Set it to a folder of yours, or unset it."
+            f"{error.strerror}. Set {_way_out(variable)}."
         ) from error
+
+
+def _way_out(variable: str) -> str:
+    known = "ROS_LOG_DIR to a folder of yours"
+    return known if variable == "HOME" else "it to a folder of yours, or unset it"

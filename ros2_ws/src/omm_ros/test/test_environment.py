@@ -18,6 +18,7 @@ BAD = [
     ("ROS_DOMAIN_ID", "1.5"),
     ("ROS_LOG_DIR", "/proc/nowhere"),
     ("ROS_HOME", "/dev/null"),
+    ("HOME", "/dev/null"),
 ]
 
 
@@ -27,6 +28,13 @@ def test_a_value_that_ros_cannot_use_is_told_with_its_variable(monkeypatch, name
         monkeypatch.delenv(other, raising=False)
     monkeypatch.setenv(name, value)
     with pytest.raises(InputError, match=f"^{name}: expected"):
+        check_environment()
+
+
+def test_without_any_folder_for_logs_the_variable_to_set_is_told(monkeypatch):
+    for name in ("ROS_LOG_DIR", "ROS_HOME", "HOME"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(InputError, match=r"^ROS_LOG_DIR: expected .* nor HOME\. Set it"):
         check_environment()
 
 
