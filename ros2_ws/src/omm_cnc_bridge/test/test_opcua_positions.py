@@ -14,6 +14,7 @@ from test_opcua import free_port, read  # noqa: E402
 from omm_cnc_bridge.controls.opcua.control import OpcUaControl  # noqa: E402
 from omm_cnc_bridge.controls.opcua.two_measurements import (  # noqa: E402
     AxisReading,
+    OneMeasurement,
     TwoMeasurements,
 )
 
@@ -40,6 +41,10 @@ def choice(direct, indirect):
         ([reading(0.0)], [reading(100.0, 100.0)], "PosIndirect"),
         ([reading(100.0, 100.0)], [reading(0.0)], "PosDirect"),
         ([reading(0.0)], [reading(100.0)], ""),
+        ([reading(0.0)], [reading(0.3)], ""),
+        ([reading(0.0)], [reading(0.005)], "PosDirect"),
+        ([reading(0.0), reading(0.0)], [reading(0.3), reading(0.4)], "PosIndirect"),
+        ([reading(0.4), reading(0.0)], [reading(0.7), reading(0.3)], "PosDirect"),
         ([reading(0.0)], [reading(100.0, 250.0)], ""),
         ([reading(50.0, 50.0)], [reading(100.0, 100.0)], ""),
         ([reading(0.0), reading(0.0)], [reading(0.0), reading(0.1)], "PosIndirect"),
@@ -50,6 +55,37 @@ def choice(direct, indirect):
 )
 def test_a_position_is_believed_for_what_it_does_not_for_being_there(direct, indirect, name):
     assert choice(direct, indirect) == name
+
+
+@pytest.mark.parametrize(
+    ("pairs", "believed"),
+    [
+        ([(0.0, 100.0)], False),
+        ([(0.0, 0.0), (0.0, 100.0)], False),
+        ([(0.0, 0.0), (0.0, 0.4)], True),
+        ([(5.0, 5.0), (0.0, 100.0)], True),
+        ([(0.0, 100.0), (0.1, 100.0), (0.0, 100.0)], True),
+        ([(0.0, None)], True),
+    ],
+)
+def test_the_only_position_is_not_believed_where_it_is_a_bare_zero(pairs, believed):
+    watch = OneMeasurement(rotary=False)
+    why = [watch.refusal(reading(*pair)) for pair in pairs][-1]
+    assert (why == "") is believed
+
+
+def test_an_axis_with_a_dead_scale_only_is_unusable_until_it_is_seen_to_measure():
+    with make_server() as server:
+        server.positions, server.commanded = AT | {"X": 0.0}, AT
+        control = OpcUaControl(server.url, rate_hz=50)
+        control.connect()
+        first = read(control, 5.0, lambda s: True)[-1]
+        server.positions = AT
+        last = read(control, 5.0, lambda s: "X" in s.positions)[-1]
+        control.close()
+    assert "commanded to 100.0000 mm" in first.unusable["X"]
+    assert set(first.positions) == {"Y", "B"}
+    assert (last.positions["X"], dict(last.unusable)) == (100.0, {})
 
 
 def heard(server, seconds=5.0, until=lambda s: True):

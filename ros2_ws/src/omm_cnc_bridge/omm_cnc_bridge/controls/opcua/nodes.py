@@ -14,7 +14,7 @@ from omm_cnc_bridge.controls.opcua.mapping import (
     AxisItems,
     Mapping40502,
 )
-from omm_cnc_bridge.controls.opcua.two_measurements import TwoMeasurements
+from omm_cnc_bridge.controls.opcua.two_measurements import OneMeasurement, TwoMeasurements
 from omm_core.errors import InputError
 
 _UNIT_CODES = {"MMT": "mm", "MTR": "m", "INH": "inch", "C81": "rad", "DD": "deg"}
@@ -61,6 +61,8 @@ class NodeFinder:
         By axis: why no position of it can be used.
     twice : dict
         By axis that is measured directly and indirectly: which of the two to take.
+    once : dict
+        By axis that is measured once: whether to take that.
     per_angle : float
         What makes rad of the spindle's angle.
     """
@@ -71,6 +73,7 @@ class NodeFinder:
         self.rest_values: dict[str, int] = {}
         self.unusable: dict[str, str] = {}
         self.twice: dict[str, TwoMeasurements] = {}
+        self.once: dict[str, OneMeasurement] = {}
         self.per_angle = UNITS["deg"]
 
     async def nodes(self) -> dict[Key, Node]:
@@ -169,6 +172,8 @@ class NodeFinder:
         self.scales[name] = UNITS[unit]
         if (name, TWICE[0]) in nodes:
             self.twice[name] = TwoMeasurements(rotary=unit in ANGLE_UNITS)
+        else:
+            self.once[name] = OneMeasurement(rotary=unit in ANGLE_UNITS)
         return nodes
 
     async def _split(self, name: str, item: str, nodes: dict[Key, Node]) -> str | None:

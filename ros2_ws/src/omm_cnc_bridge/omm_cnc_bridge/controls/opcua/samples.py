@@ -183,6 +183,11 @@ class SampleMaker:
                 choice = self._found.twice[axis].choose(*both.values())
                 self._chosen[axis] = choice
                 reading = both.get(choice.name, AxisReading(actual=None, why_not=choice.why))
+            elif why := self._found.once[axis].refusal(reading):
+                self._chosen[axis] = Choice(name="", why=why)
+                continue
+            else:
+                self._chosen.pop(axis, None)
             if reading.actual is None:
                 continue
             measured[axis] = reading.actual

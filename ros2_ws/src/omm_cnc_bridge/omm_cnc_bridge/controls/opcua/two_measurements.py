@@ -35,6 +35,27 @@ class Choice:
     why: str
 
 
+class OneMeasurement:
+    """Watches the only position of one axis: whether anything measures behind it."""
+
+    def __init__(self, *, rotary: bool) -> None:
+        self._rotary = rotary
+        self._alive = False
+
+    def refusal(self, reading: AxisReading) -> str:
+        """Return why a position is not believed: 0 from the start, and commanded elsewhere."""
+        self._alive |= bool(reading.actual)
+        if self._alive or reading.actual is None or reading.commanded is None:
+            return ""
+        if abs(reading.commanded) <= AGREEMENT[self._rotary]:
+            return ""
+        unit = "rad" if self._rotary else "mm"
+        return (
+            f"says 0 and has said nothing else, while it is commanded to {reading.commanded:.4f} "
+            f"{unit}; if nothing measures there, name the right node in the mapping file"
+        )
+
+
 class _Seen:
     """How far one of the two was seen to move."""
 
@@ -80,7 +101,9 @@ class TwoMeasurements:
         if self._is_dead(self._indirect, indirect, self._direct, direct):
             why = f"PosIndirect stays {at_indirect:g} whatever the axis does"
             return Choice(name="PosDirect", why=why)
-        if abs(at_direct - at_indirect) <= max(AGREEMENT[self._rotary], moved):
+        # A bare 0 that never moved shows nothing: the other must say the same, not nearly so.
+        unproven = at_direct == 0.0 and self._direct.span == 0.0
+        if abs(at_direct - at_indirect) <= (moved if unproven else AGREEMENT[self._rotary]):
             return Choice(name="PosDirect", why="PosIndirect agrees with it")
         unit = "rad" if self._rotary else "mm"
         why = (
