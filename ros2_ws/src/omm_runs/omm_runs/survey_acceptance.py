@@ -28,6 +28,10 @@ def add_acceptance(
     ------
     InputError, MeasurementError
     """
+    if not (np.isfinite(limit).all() and min(limit) >= 0.0 and max(limit) > 0.0):
+        raise InputError(
+            f"--limit: expected two numbers of 0 or more, not both 0: mm and mm/m, got {limit}."
+        )
     xyz = found.delivered.xyz_mm
     result = accept(
         read_lengths(lengths), _measuring(found), float(np.linalg.norm(np.ptp(xyz, axis=0))), *limit
@@ -38,7 +42,8 @@ def add_acceptance(
     found.json["findings"] += [
         f"The {len(result.lengths)} lengths {verdict} {limit[0]:g} mm + {limit[1]:g} mm/m: largest"
         f" error {worst.error_mm:+.4f} mm at {worst.ends[0]}-{worst.ends[1]}"
-        f" (limit {worst.limit_mm:.4f}).",
+        f" (limit {worst.limit_mm:.4f}). For the budget: u_out = LME / sqrt(3) ="
+        f" {result.u_out_mm:.4f} mm at the longest, {result.longest_mm:.0f} mm.",
         *result.words,
     ]
     return result.passed
@@ -61,20 +66,23 @@ def read_lengths(path: Path) -> list[CalibratedLength]:
     InputError
         Where it is missing or malformed.
     """
-    rows = csv.DictReader(io.StringIO(read_text(path, "file of lengths")))
-    if rows.fieldnames is None or not set(_COLUMNS) <= {name.strip() for name in rows.fieldnames}:
+    rows = csv.DictReader(io.StringIO(read_text(path, "file of lengths")), skipinitialspace=True)
+    rows.fieldnames = [name.strip() for name in rows.fieldnames or ()]
+    if not set(_COLUMNS) <= set(rows.fieldnames):
         wanted = ",".join(_COLUMNS)
         raise InputError(f"{path}: expected the columns {wanted}, got {rows.fieldnames}.")
     found = []
-    for number, row in enumerate(rows, start=2):
+    for row in rows:
+        where = f"{path}: line {rows.line_num}"
         try:
             first, second, length = (float(row[name]) for name in _COLUMNS)
         except (TypeError, ValueError):
-            raise InputError(f"{path}: row {number}: expected three numbers, got {row}.") from None
+            raise InputError(f"{where}: expected three numbers, got {row}.") from None
         if not (np.isfinite(length) and length > 0.0):
-            raise InputError(f"{path}: row {number}: expected a length above 0, got {length}.")
-        where = f"{path}: row {number}"
+            raise InputError(f"{where}: expected a length above 0, got {length}.")
         ends = (whole_number(first, where), whole_number(second, where))
+        if ends[0] == ends[1]:
+            raise InputError(f"{where}: expected two different ends, got {ends[0]} twice.")
         found.append(CalibratedLength(ends=ends, length_mm=length))
     if not found:
         raise InputError(f"{path}: expected lengths, got no row.")

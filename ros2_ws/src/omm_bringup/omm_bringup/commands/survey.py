@@ -44,6 +44,8 @@ def run(arguments: argparse.Namespace) -> int:
             "Image points measured elsewhere name no family and no dot diameter, which points.json"
             " must: use --json."
         )
+    if measured and arguments.lengths is not None:
+        raise InputError("--lengths: expected photographs, got image points measured elsewhere.")
     found = None if measured else survey(arguments.set)
     result = survey_measured(arguments.set) if found is None else found.json
     passed = True

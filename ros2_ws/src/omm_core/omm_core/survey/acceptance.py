@@ -66,6 +66,17 @@ class Acceptance:
         """Return the length with the largest error."""
         return max(self.lengths, key=lambda length: abs(length.error_mm))
 
+    @property
+    def longest_mm(self) -> float:
+        """Return the longest length."""
+        return max(length.length_mm for length in self.lengths)
+
+    @property
+    def u_out_mm(self) -> float:
+        """Return the standard uncertainty that the limit stands for, at the longest length."""
+        lme = self.constant_mm + self.per_metre_mm * self.longest_mm / 1e3
+        return float(lme / np.sqrt(3.0))
+
 
 def accept(
     wanted: list[CalibratedLength],
@@ -127,14 +138,12 @@ def accept(
 def as_json(acceptance: Acceptance) -> dict[str, object]:
     """Return the test as ``survey --json`` says it."""
     errors = np.array([length.error_mm for length in acceptance.lengths])
-    longest = max(length.length_mm for length in acceptance.lengths) / 1e3
-    lme = acceptance.constant_mm + acceptance.per_metre_mm * longest
     return {
         "passed": acceptance.passed,
         "LME": {"constant_mm": acceptance.constant_mm, "per_metre_mm": acceptance.per_metre_mm},
         "largest_error_mm": float(errors[np.argmax(np.abs(errors))]),
         "rms_error_mm": float(np.sqrt(np.mean(errors**2))),
-        "u_out_mm": float(lme / np.sqrt(3.0)),
+        "u_out_mm": acceptance.u_out_mm,
         "lengths": [
             {
                 "ends": list(length.ends), "length_mm": length.length_mm,
