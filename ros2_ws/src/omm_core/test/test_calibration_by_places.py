@@ -8,6 +8,7 @@ import pytest
 from omm_core.camera_calibration.cmm import calibrate_by_places
 from omm_core.camera_calibration.model import Sensor, project_with_derivatives
 from omm_core.camera_calibration.patterns import planes_of
+from omm_core.camera_calibration.seven import standard_measurement
 from omm_core.errors import MeasurementError
 from omm_core.geometry import rotation_from_euler_xyz_rad
 from omm_core.imaging.circle import (
@@ -235,6 +236,31 @@ def test_a_lens_term_that_the_model_lacks_is_named_with_its_size():
     affinity = next(t for t in result.extra["further_terms"] if t["name"] == "affinity")
     assert affinity["value"] == pytest.approx(1e-4, abs=5 * affinity["sigma"] + 1e-5)
     assert any("misses affinity" in words for words in result.findings)
+
+
+def test_what_a_missing_term_does_to_a_measurement_is_what_the_calibrated_camera_does():
+    places = places_before(TRUTH)
+    middle = SENSOR.lens(TRUTH).principal_point_px
+
+    def with_affinity(pixels):
+        return pixels - [1e-4, 0.0] * (pixels - middle)
+
+    good = calibrate(TRUTH, places, 6)
+    pixels = with_affinity(np.array([o.pixel for o in good.observations]))
+    result = calibrate(TRUTH, places, 6, pixels=pixels)
+    affinity = next(t for t in result.extra["further_terms"] if t["name"] == "affinity")
+    # The standard measurement as it really is, against the cameras of the same noise.
+    seen, gain, _ = standard_measurement(SENSOR, TRUTH)
+    rotation = rotation_from_euler_xyz_rad(*TRUTH[10:])
+    points = SENSOR.lens(TRUTH).rays(seen) * 300.0 @ rotation.T + TRUTH[7:10]
+    by_good, believed = (
+        project_with_derivatives(SENSOR, camera, points[:, None])[0]
+        for camera in (good.camera, result.camera)
+    )
+    error = gain @ (with_affinity(seen) - seen + by_good - believed).ravel()
+    told = affinity["result_mm"] * 1e-4 / abs(affinity["value"])
+    assert told == pytest.approx(np.abs(error[3:6]).max(), rel=0.05)
+    assert told > 0.001
 
 
 def test_a_ring_shaped_error_is_a_pattern_and_noise_is_none():

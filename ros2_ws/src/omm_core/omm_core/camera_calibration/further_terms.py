@@ -5,7 +5,9 @@ on the pixels is known at the solution, so no further adjustment is needed (as i
 
     t = s / M,  sigma = 1 / √M,  s = bᵀ W v,  M = bᵀ W b - bᵀ W A Q Aᵀ W b
 
-What is told is also by how much the term would move the corner of the image, since that is what
+What is told is also by how much the term would move the corner of the image, and by how much its
+absence moves the result of the standard measurement (seven.py), the camera having been adjusted
+without it: ``δc = Q Aᵀ W b t``, and what is left of ``b t`` in the measurement. That is what
 counts: a term may be significant and not worth having.
 """
 
@@ -20,6 +22,7 @@ from numpy.typing import NDArray
 from omm_core.adjustment import Block, Solution
 from omm_core.adjustment.normal_equations import group_of
 from omm_core.camera_calibration.model import Sensor
+from omm_core.camera_calibration.seven import result_sigma, standard_measurement
 
 Array = NDArray[np.float64]
 
@@ -27,27 +30,36 @@ TERMS = ("k3_px6", "affinity", "shear")
 # |w| above which a term is missed: one in 15 000 where the model holds.
 SIGNIFICANT = 4.0
 _WORTH_PX = 0.02  # at the corner: what the detector does not see either
+_WORTH_SIGMAS = 1.0  # of the result: less is within what the covariance says
 
 
 @dataclass(frozen=True, kw_only=True)
 class FurtherTerm:
-    """A term that is not in the model, as if it alone were added."""
+    """A term that is not in the model, as if it alone were added.
+
+    ``result_mm`` is the largest of x, y, z by which its absence moves a standard measurement,
+    ``result_sigmas`` the largest of all seven in sigma of what the calibration allows.
+    """
 
     name: str
     value: float
     sigma: float
     corner_px: float
+    result_mm: float
+    result_sigmas: float
 
     @property
     def missed(self) -> bool:
         """Whether it is there, and large enough to matter."""
-        return abs(self.value) > SIGNIFICANT * self.sigma and self.corner_px > _WORTH_PX
+        matters = self.corner_px > _WORTH_PX or self.result_sigmas > _WORTH_SIGMAS
+        return abs(self.value) > SIGNIFICANT * self.sigma and matters
 
     def to_json_dict(self) -> dict[str, Any]:
         """Return it as it stands under ``extra``."""
         return {
             "name": self.name, "value": self.value, "sigma": self.sigma,
             "w": self.value / self.sigma, "corner_px": self.corner_px,
+            "result_mm": self.result_mm, "result_sigmas": self.result_sigmas,
         }  # fmt: skip
 
 
@@ -68,6 +80,10 @@ def further_terms(
     effects = _effects(sensor, camera, block.observed)
     size = np.array([sensor.width_px, sensor.height_px])
     corner = _effects(sensor, camera, (size - 1.0)[None])
+    pixels, gain, by_camera = standard_measurement(sensor, camera)
+    in_use = _effects(sensor, camera, pixels)
+    widened = max(solution.sigma0, 1.0) ** 2 * solution.covariance_of("camera")
+    allowed = result_sigma(sensor, camera, widened)
     found = []
     for name in TERMS:
         b = effects[name]
@@ -77,12 +93,16 @@ def further_terms(
         if not 1e-9 * float(np.sum(b * weighted)) < M:
             continue
         value = float(np.sum(b * residual)) / M
+        camera_moved = (solution.covariance @ across)[solution.slices["camera"]] * value
+        moved = gain @ (value * in_use[name].ravel() - by_camera @ camera_moved)
         found.append(
             FurtherTerm(
                 name=name,
                 value=value,
                 sigma=max(solution.sigma0, 1.0) / float(np.sqrt(M)),
                 corner_px=float(np.linalg.norm(corner[name])) * abs(value),
+                result_mm=float(np.abs(moved[3:6]).max()),
+                result_sigmas=float(np.max(np.abs(moved) / allowed)),
             )
         )
     return tuple(found)
@@ -118,7 +138,8 @@ def words_of_missed(terms: tuple[FurtherTerm, ...]) -> tuple[str, ...]:
     """Return a finding for each term that is missed."""
     return tuple(
         f"the lens model misses {t.name}: {t.value:.3g} (sigma {t.sigma:.2g}), which moves the"
-        f" image's corner by {t.corner_px:.2f} px; the covariance does not hold that"
+        f" image's corner by {t.corner_px:.2f} px and a measured place by"
+        f" {1000 * t.result_mm:.1f} µm; the covariance does not hold that"
         for t in terms
         if t.missed
     )

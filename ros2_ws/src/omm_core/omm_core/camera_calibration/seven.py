@@ -25,6 +25,13 @@ def result_sigma(sensor: Sensor, camera: Array, covariance: Array) -> Array:
 
     rad and mm; x, y, z are those of the square's middle.
     """
+    _, gain, by_camera = standard_measurement(sensor, camera)
+    carried = gain @ by_camera
+    return np.sqrt(np.diag(carried @ covariance @ carried.T).clip(0.0))
+
+
+def standard_measurement(sensor: Sensor, camera: Array) -> tuple[Array, Array, Array]:
+    """Return the pixels (n, 2), d(result)/d(pixels) (7, 2n), and d(pixels)/d(camera) (2n, 13)."""
     lens = sensor.lens(camera)
     size = np.array([sensor.width_px, sensor.height_px])
     middle = (size - 1) / 2
@@ -46,5 +53,4 @@ def result_sigma(sensor: Sensor, camera: Array, covariance: Array) -> Array:
     B = np.concatenate(by_camera).reshape(-1, 13)
     scale = 1.0 / np.linalg.norm(J, axis=0)
     gain = scale[:, None] * np.linalg.pinv(J * scale)
-    carried = gain @ B
-    return np.sqrt(np.diag(carried @ covariance @ carried.T).clip(0.0))
+    return np.tile(quarters, (len(corners), 1)), gain, B
