@@ -218,5 +218,24 @@ def test_four_coefficients_whose_model_is_told_are_taken(tmp_path, name):
     assert imported(tmp_path, f"{OF_FOUR}{name}\n").lens.k1 == -0.11
 
 
+OURS = """camera: {name: a, width_px: 2592, height_px: 1944}
+model: plumb_bob
+intrinsics: {fx_px: 2813.2, fy_px: 2813.5, cx_px: 1287.3, cy_px: 999.1, k1: -0.1, k2: 0.1, p1: 0,
+  p2: 0, MORE}
+taper_to_camera: {translation_mm: [0, 0, -200], euler_xyz_rad: [3.14, 0, 0]}
+"""
+
+
+@pytest.mark.parametrize("term", ["k4: 0.01", "k6: 1.0e-3", "s1: 1.0e-4", "xi: 1.2"])
+def test_a_camera_file_with_a_term_of_another_model_is_refused_by_the_term(tmp_path, term):
+    """Read without it, the lens would be another; a term that is 0 changes nothing."""
+    path = tmp_path / "camera.yaml"
+    path.write_text(OURS.replace("MORE", term))
+    with pytest.raises(InputError, match=f"got {term.split(':')[0]}: "):
+        load_calibration(path)
+    path.write_text(OURS.replace("MORE", f"{term.split(':')[0]}: 0.0"))
+    load_calibration(path)
+
+
 def test_a_camera_file_of_ones_own_is_nobody_elses():
     assert foreign_source("camera: {name: a}\nmodel: plumb_bob\nintrinsics: {fx_px: 1}\n") is None

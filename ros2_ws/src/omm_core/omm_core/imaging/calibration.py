@@ -7,6 +7,7 @@ vector of named parameters, so that its covariance can be propagated (docs/stati
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -41,6 +42,11 @@ _FILE_KEYS = (
     "camera", "model", "intrinsics", "taper_to_camera", "covariance", "parameters", "calibration",
     "imaging", "body",
 )  # fmt: skip
+# Of other lens models, under the names that they have there.
+_FURTHER_TERMS = frozenset({
+    "k3", "k4", "k5", "k6", "k3_px6", "k4_px8", "p3", "p4", "s1", "s2", "s3", "s4", "b1", "b2",
+    "xi", "tau_x", "tau_y",
+})  # fmt: skip
 # Other ways in which calibration files name the same parameters.
 _ALIASES = {
     "principal_point_offset_px[0]": "cl0_px",
@@ -211,10 +217,22 @@ def _covered(root: YamlSection) -> Covered | None:
     )
 
 
+def _refuse_further_terms(section: YamlSection, known: Collection[str]) -> None:
+    """Raise InputError for a lens with a term that the model lacks: it is another lens."""
+    for key in sorted(_FURTHER_TERMS.intersection(section.values) - set(known)):
+        if section.values[key] not in (0, None):
+            raise InputError(
+                f"{section.where}: expected the terms {', '.join(known)}, got"
+                f" {key}: {section.values[key]}. A lens with that term is of a model that omm does"
+                " not have; './omm calibrate SET' calibrates the camera in one that it has."
+            )
+
+
 def _lens(root: YamlSection, sensor: NamedSensor) -> Lens:
     model, section = root.text("model"), root.section("intrinsics")
     width, height = sensor.width_px, sensor.height_px
     if model == "brown_photogrammetric":
+        _refuse_further_terms(section, [term.name for term in dataclasses.fields(BrownIntrinsics)])
         told = dataclasses.asdict(read_section(BrownIntrinsics, section))
         cl0, rw0 = told.pop("principal_point_offset_px")
         return BrownPhotogrammetric(
@@ -226,6 +244,9 @@ def _lens(root: YamlSection, sensor: NamedSensor) -> Lens:
             **told,
         )
     if model == "plumb_bob":
+        _refuse_further_terms(
+            section, [term.name for term in dataclasses.fields(PlumbBobIntrinsics)]
+        )
         told = dataclasses.asdict(read_section(PlumbBobIntrinsics, section))
         return PlumbBob(width_px=width, height_px=height, **told)
     raise InputError(
