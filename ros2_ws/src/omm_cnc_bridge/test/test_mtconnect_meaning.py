@@ -1,5 +1,6 @@
 """What a position of an MTConnect model means: shown by the model, or refused by name."""
 
+import mtconnect_agent
 import pytest
 from mtconnect_agent import Agent
 
@@ -141,6 +142,24 @@ def test_a_tool_point_is_taken_in_machine_coordinates_only(system, taken):
     )
     path = f"<Path><DataItems>{item}</DataItems></Path>"
     assert ("p" in read_device(model(f'id="a" {GOOD}', more=path), "").items) is taken
+
+
+def test_a_tool_point_in_the_place_of_axes_is_told(monkeypatch):
+    point = '<DataItem id="tp" category="SAMPLE" type="PATH_POSITION" units="MILLIMETER_3D"'
+    probe = mtconnect_agent.PROBE.replace("Linear", "Other").replace("Rotary", "Other")
+    path = 'id="p"><DataItems>'
+    probe = probe.replace(path, f'{path}{point} coordinateSystem="MACHINE"/>')
+    monkeypatch.setattr(mtconnect_agent, "PROBE", probe)
+    monkeypatch.setitem(mtconnect_agent.TAGS, "tp", "PathPosition")
+    with Agent() as agent:
+        agent.tell(avail="AVAILABLE", tp="1.5 2 -3")
+        control = MtConnectControl(agent.url, rate_hz=100)
+        control.connect()
+        sample = control.read(3.0)[-1]
+        control.close()
+    assert sample.positions == {"X": 1.5, "Y": 2.0, "Z": -3.0}
+    (note,) = sample.notes
+    assert "no axes" in note
 
 
 @pytest.mark.parametrize("text", ["", "1,5", "nan", "1.0 2.0 3.0", "TRUE"])

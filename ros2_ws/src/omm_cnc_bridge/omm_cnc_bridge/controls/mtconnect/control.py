@@ -39,6 +39,10 @@ LARGEST_ANSWER = 32 << 20
 FARTHEST = 1e7
 """No axis is farther from its zero (mm, rad): ten kilometres."""
 UNAVAILABLE = "UNAVAILABLE"
+TOOL_POINT_ONLY = (
+    "the agent tells the tool point (PATH_POSITION) and no axes; it is off by the tool's length"
+    " unless the control has none active, or 'reported' and 'tool_length_mm' say so"
+)
 _MODES = {
     "AUTOMATIC": Mode.AUTOMATIC,
     "MANUAL": Mode.MANUAL,
@@ -182,6 +186,7 @@ class MtConnectControl:
             stamp_uncertainty_ns=uncertainty_ns,
             positions=positions,
             unusable=unusable,
+            notes=() if measured or not positions else (TOOL_POINT_ONLY,),
             commanded=self._values("commanded")[0],
             in_position=self._in_position(),
             fault=self._fault(),
