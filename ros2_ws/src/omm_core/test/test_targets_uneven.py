@@ -6,6 +6,7 @@ from target_scenes import as_seen, target_image
 
 from omm_core.targets import detect_targets
 from omm_core.targets.coded.families import TargetFamily
+from omm_core.targets.coded.uneven import outline_uneven
 
 FAMILY = TargetFamily.by_name("aicon14")
 DIAMETER_PX = 16.0
@@ -91,3 +92,14 @@ def test_a_faint_target_is_found():
         for i in range(1, 41)
     )
     assert found >= 38
+
+
+def test_the_levels_of_the_outline_are_the_dots_and_the_grounds():
+    """No ray writes into another's levels: all see the same of a round dot under even light."""
+    rows, cols = np.mgrid[:80, :80]
+    inside = 1.0 / (1.0 + np.exp((np.hypot(rows - 40.0, cols - 40.0) - 12.0) / 0.5))
+    image = np.round(20.0 + 180.0 * inside).astype(np.uint8)
+    shape, ok = outline_uneven(image, np.array([40.0, 40.0, 1 / 144, 0.0, 1 / 144, 1.0]), 1.0)
+    assert ok
+    assert shape[5] > 0.92 * 200.0
+    assert shape[6] < 1.1 * 20.0

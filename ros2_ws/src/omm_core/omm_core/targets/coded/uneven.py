@@ -73,7 +73,7 @@ def outline_uneven(image, candidate, unit):
     """
     shape = np.empty(9)
     shape[:5] = candidate[:5]
-    points, levels = np.empty((RAYS, 2)), np.empty((RAYS, 3))
+    points, levels = np.empty((RAYS, 2)), np.empty((RAYS, 4))
     for turn in range(2):
         # A first look with few rays finds where the dot is, and turns most that is none away.
         rays = FEW_RAYS if turn == 0 else RAYS
