@@ -195,7 +195,7 @@ def test_a_motion_thread_that_stands_still_is_noticed(cell):
         os.kill(pid, signal.SIGSTOP)
         stopped_ns = time.time_ns()
         try:
-            with pytest.raises(DeviceError, match="rtapi_app does not run"):
+            with pytest.raises(DeviceError, match="rtapi_app is no longer running"):
                 read(control, 5.0)
             noticed_ns = time.time_ns()
         finally:
