@@ -10,6 +10,7 @@ other words, or join them with `sentences`, `listed`.
 
 from __future__ import annotations
 
+import bisect
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -74,6 +75,20 @@ def of_error(error: Exception) -> Words:
     """Return what an error says; with its key, where it was raised with `Words`."""
     told = error.args[0] if len(error.args) == 1 else None
     return told if isinstance(told, Words) else Words(str(error))
+
+
+def image_number(stamp_ns: int, run_ns: Sequence[int]) -> Words:
+    """Return which image of a run it is, "3 of 8 (its stamp ns)"; a stamp alone says little.
+
+    Parameters
+    ----------
+    stamp_ns : int
+        One of ``run_ns``.
+    run_ns : sequence of int
+        The stamps of all images of the run, sorted.
+    """
+    n = bisect.bisect_left(run_ns, stamp_ns) + 1
+    return keyed("said.image_number", "{n} of {of} ({ns} ns)", n=n, of=len(run_ns), ns=stamp_ns)
 
 
 def sentences(words: Iterable[str]) -> Words:

@@ -157,11 +157,24 @@ def test_every_image_that_is_not_used_has_its_reason(cell, observations):
         50_000 * MS: "no spindle pose after the image",
         images[0][1] + 1 * MS: "no target was found",
         images[0][1] + 2 * MS: "no target of the part was found",
-        images[0][1] + 3 * MS: f"the camera sent the image of {images[0][1]} ns again",
+        images[0][1] + 3 * MS: f"the camera sent image 1 of 13 ({images[0][1]} ns) again",
         images[7][1]: "2 different images carry this stamp",
         70_000 * MS: "encoding bayer is not mono",
     }
     assert result.determined
+
+
+def test_words_count_all_images_of_the_run_those_that_come_later_and_show_nothing_too(
+    cell, observations
+):
+    wrong = [replace(observations[0], center_px=observations[0].center_px + 2.0), *observations[1:]]
+    measurement = measured(cell, events(wrong))
+    first = measurement.result().images[0].stamp_ns
+    (words,) = measurement.result().findings
+    assert f"in image 1 of 8 ({first} ns) is" in words
+    measurement.add_detection(first - 1 * MS, [])
+    (words,) = measurement.result().findings
+    assert f"in image 2 of 9 ({first} ns) is" in words
 
 
 def test_targets_that_are_not_in_the_part_appear_unused(cell, observations):

@@ -111,7 +111,12 @@ class OperatorView:
             rows.append(_targets(estimate))
             rows += [Text(f"  {text}", style="yellow") for text in estimate.missing]
             rows += [Text(f"  {text}", style="red") for text in estimate.findings]
-            rows += [Text(f"  {_stamp(i)}: {i.reason}") for i in estimate.images if not i.used]
+            of = len(estimate.images)
+            rows += [
+                Text(f"  image {n} of {of}: {image.reason}")
+                for n, image in enumerate(estimate.images, start=1)
+                if not image.used
+            ]
         return Group(*rows)
 
 
@@ -125,7 +130,3 @@ def _targets(estimate: PartEstimate) -> Table:
     if estimate.determined:
         table.add_row("  residuals", f"{estimate.rms_px:.4f} px RMS")
     return table
-
-
-def _stamp(image: "PartEstimate.images") -> str:
-    return f"image {image.stamp.sec}.{image.stamp.nanosec:09d}"

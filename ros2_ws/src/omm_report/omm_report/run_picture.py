@@ -14,7 +14,7 @@ _LONGEST_RESIDUAL_PX = 150.0
 
 def save_run_picture(solved: SolvedRun, path: Path) -> Path:
     """Draw all images with targets, numbers and enlarged residuals; returns the path."""
-    drawn, scale = _drawn(solved, "image {n}", reasons=True)
+    drawn, scale = _drawn(solved, "image {n} of {of}", reasons=True)
     save_picture(path, draw_run(drawn, scale))
     return path
 
@@ -27,7 +27,8 @@ def run_picture(
     Parameters
     ----------
     title : str
-        Below each image; ``{n}`` stands for its number. Letters of ASCII only.
+        Below each image; ``{n}`` and ``{of}`` stand for its number and how many there are.
+        Letters of ASCII only.
     columns : int
         Images side by side.
     """
@@ -40,8 +41,9 @@ def run_picture(
 def _drawn(solved: SolvedRun, title: str, *, reasons: bool) -> tuple[list[DrawnImage], float]:
     """Return the images to draw, and how many times residuals are enlarged."""
     outcomes = {image.stamp_ns: image for image in solved.result.images}
+    numbers = {stamp_ns: at for at, stamp_ns in enumerate(outcomes, start=1)}
     drawn = []
-    for number, (stamp_ns, pixels) in enumerate(solved.images(), start=1):
+    for stamp_ns, pixels in solved.images():
         outcome = outcomes.get(stamp_ns)
         used = outcome is not None and outcome.used
         reason = "" if used or outcome is None or not reasons else f": {outcome.reason}"
@@ -55,7 +57,8 @@ def _drawn(solved: SolvedRun, title: str, *, reasons: bool) -> tuple[list[DrawnI
             for o in solved.result.observations
             if o.stamp_ns == stamp_ns
         )
-        named = title.replace("{n}", str(number)) + reason
+        number, of = str(numbers.get(stamp_ns, "?")), str(len(numbers))
+        named = title.replace("{n}", number).replace("{of}", of) + reason
         drawn.append(DrawnImage(pixels=pixels, title=named, used=used, targets=targets))
     residuals = [math.hypot(*target.residual_px) for image in drawn for target in image.targets]
     longest = max(residuals, default=0.0)

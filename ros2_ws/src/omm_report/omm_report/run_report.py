@@ -7,7 +7,7 @@ programs, and are the same in every language.
 import hashlib
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime, timezone
 from typing import Any
 
@@ -247,20 +247,19 @@ class _Report:
 
     def _add_remarks(self, solved: SolvedRun) -> None:
         result, none = solved.result, self._say("doc.no_reason")
-        left_out: list[tuple[str, str, Words | None]] = [
-            (self._say("measure.image", n=number), str(image.stamp_ns), image.reason)
-            for number, image in enumerate(result.images, start=1)
+        numbers = {image.stamp_ns: n for n, image in enumerate(result.images, start=1)}
+        left_out: list[tuple[str, int, Words | None]] = [
+            (self._image(numbers, image.stamp_ns), image.stamp_ns, image.reason)
+            for image in result.images
             if not image.used
         ] + [
-            (self._say("doc.target", n=o.target_id), str(o.stamp_ns), o.reason)
+            (self._target(o.target_id, numbers, o.stamp_ns), o.stamp_ns, o.reason)
             for o in result.observations
             if not o.used
         ]
         self._document.heading(self._say("doc.left_out"), level=3)
         if left_out:
-            rows = [
-                [what, stamp, self._told(why) if why else none] for what, stamp, why in left_out
-            ]
+            rows = [[what, str(ns), self._told(why) if why else none] for what, ns, why in left_out]
             head = self._head("what", "stamp", "why")
             self._document.table([head, *rows], widths=(1, 2, 4))
         else:
@@ -272,8 +271,14 @@ class _Report:
         for words in notes:
             self._document.paragraph(_sentence(self._told(words)))
 
+    def _image(self, numbers: Mapping[int, int], stamp_ns: int) -> str:
+        return self._say("measure.image", n=numbers[stamp_ns], of=len(numbers))
+
+    def _target(self, target_id: int, numbers: Mapping[int, int], stamp_ns: int) -> str:
+        return f"{self._image(numbers, stamp_ns)}: {self._say('doc.target', n=target_id)}"
+
     def _add_picture(self, solved: SolvedRun) -> None:
-        drawn = run_picture(solved, self._say("measure.image", n="{n}"), columns=3)
+        drawn = run_picture(solved, self._say("measure.image", n="{n}", of="{of}"), columns=3)
         if drawn is not None:
             pixels, times = np.ascontiguousarray(drawn[0][:, :, ::-1]), f"{drawn[1]:.0f}"
             self._document.picture(pixels, caption=self._say("doc.picture", times=times))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from omm_core.errors import InputError
 from omm_core.files.json_input import read_json
 from omm_core.session.quantities import THETA
+from omm_core.words import image_number
 
 if TYPE_CHECKING:
     from omm_core.part_pose.posterior import PoseStatement
@@ -76,9 +77,12 @@ def _images(solved: "SolvedRun") -> list[str]:
     refused = [image for image in solved.result.images if not image.used]
     left_out = [o for o in solved.result.observations if not o.used]
     of_used = {image.stamp_ns for image in solved.result.images if image.used}
-    lines = [f"image {image.stamp_ns} refused: {image.reason}" for image in refused]
+    run_ns = [image.stamp_ns for image in solved.result.images]
+    lines = [
+        f"image {image_number(image.stamp_ns, run_ns)} refused: {image.reason}" for image in refused
+    ]
     lines += [
-        f"target {o.target_id} in image {o.stamp_ns} not used: {o.reason}"
+        f"target {o.target_id} in image {image_number(o.stamp_ns, run_ns)} not used: {o.reason}"
         for o in left_out
         if o.stamp_ns in of_used
     ]

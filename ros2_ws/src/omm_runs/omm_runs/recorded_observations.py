@@ -17,6 +17,7 @@ from omm_core.files.part import Part
 from omm_core.part_pose import Observation
 from omm_core.session.pairing import PoseTrack
 from omm_core.targets import DetectedTarget, DetectionOptions, TargetFamily, detect_targets
+from omm_core.words import image_number
 from omm_recording.decoding import (
     IMAGE_TYPE,
     POSE_TYPE,
@@ -94,15 +95,18 @@ def _paired(
     poses: PoseTrack, found: dict[int, tuple[DetectedTarget, ...]], part: Part
 ) -> RecordedObservations:
     observations, refused = [], []
+    run_ns = sorted(found)
     for stamp, targets in sorted(found.items()):
         judgement = poses.judge(stamp)
         if judgement.machine_T_spindle is None:
-            refused.append(f"image {stamp} is not used: {judgement.reason}")
+            refused.append(f"image {image_number(stamp, run_ns)} is not used: {judgement.reason}")
             continue
         ids = [int(target.id) for target in targets]
         usable = [t for t in targets if ids.count(int(t.id)) == 1 and part.target(int(t.id))]
         if not usable:
-            refused.append(f"image {stamp} is not used: no target of the part is seen")
+            refused.append(
+                f"image {image_number(stamp, run_ns)} is not used: no target of the part is seen"
+            )
         observations += [
             Observation(
                 stamp_ns=stamp,

@@ -108,11 +108,16 @@ def _print(solved, out: Path | None) -> int:  # type: ignore[no-untyped-def]
 
 
 def _why_not(solved) -> str:  # type: ignore[no-untyped-def]
+    from omm_core.words import image_number
+
     result = solved.result
     reasons = [*result.missing, *result.findings]
     if result.determined:
         reasons.insert(0, "the solution does not converge")
-    reasons += [f"image {i.stamp_ns}: {i.reason}" for i in result.images if not i.used]
+    run_ns = [image.stamp_ns for image in result.images]
+    reasons += [
+        f"image {image_number(i.stamp_ns, run_ns)}: {i.reason}" for i in result.images if not i.used
+    ]
     return f"{solved.run} cannot be solved.\n  " + "\n  ".join(reasons)
 
 

@@ -13,7 +13,7 @@ from omm_core.part_pose.adjustment import Adjustment
 from omm_core.part_pose.fit import Fit
 from omm_core.part_pose.kernels import predict_all
 from omm_core.part_pose.problem import Indices, Problem
-from omm_core.words import Words, keyed, verbatim
+from omm_core.words import Words, image_number, keyed, verbatim
 
 Array = NDArray[np.float64]
 
@@ -36,55 +36,59 @@ def describe(
         return _bumped(problem, indices, without.best)
     other = _pose_of_another_image(problem, indices, without.best)
     images = {int(problem.image_of[index]) for index in indices}
-    ns = problem.stamps_ns[images.pop()]
+    image = _number(problem, problem.stamps_ns[images.pop()])
     off = f"{float(np.max(_off_px(problem, indices, without.best))):.2f}"
     if other is not None:
         return keyed(
             "said.pose_of_other",
-            "the spindle pose given for the image of {ns} ns is not where it was taken: the image"
-            " fits the pose of the image of {other} ns",
-            ns=ns, other=other,
+            "the spindle pose given for image {image} is not where it was taken: the image fits the"
+            " pose of image {other}",
+            image=image, other=_number(problem, other),
         )  # fmt: skip
     shared = _shares_pose(problem, int(problem.image_of[indices[0]]))
     if shared is not None:
         return keyed(
             "said.pose_shared",
-            "the spindle pose given for the image of {ns} ns is not where it was taken: it is that"
-            " of the image of {other} ns",
-            ns=ns, other=shared,
+            "the spindle pose given for image {image} is not where it was taken: it is that of"
+            " image {other}",
+            image=image, other=_number(problem, shared),
         )  # fmt: skip
     if kind == "image":
         return keyed(
             "said.pose_wrong",
-            "all targets in the image of {ns} ns are up to {px} px off: its spindle pose is wrong",
-            ns=ns, px=off,
+            "all targets in image {image} are up to {px} px off: its spindle pose is wrong",
+            image=image, px=off,
         )  # fmt: skip
     target_id = problem.target_ids[problem.target_of[indices[0]]]
     read_as = _misread(problem, int(indices[0]), without.best)
     if read_as is not None:
         return keyed(
             "said.misread",
-            "target {target} was read as {other} in the image of {ns} ns",
-            target=read_as, other=target_id, ns=ns,
+            "target {target} was read as {other} in image {image}",
+            target=read_as, other=target_id, image=image,
         )  # fmt: skip
     alone = np.count_nonzero(problem.image_of == problem.image_of[indices[0]]) == 1
-    return _off(target_id, ns, off, alone=alone)
+    return _off(target_id, image, off, alone=alone)
 
 
-def _off(target_id: int, ns: int, off: str, *, alone: bool) -> Words:
+def _number(problem: Problem, stamp_ns: int) -> Words:
+    return image_number(stamp_ns, problem.run_ns)
+
+
+def _off(target_id: int, image: Words, off: str, *, alone: bool) -> Words:
     """Return words for a centre that is off: alone in its image, it may be the pose as well."""
     if alone:
         return keyed(
             "said.centre_or_pose_wrong",
-            "target {target} in the image of {ns} ns is {px} px off: its centre or the image's"
-            " spindle pose is wrong (a reflection or dirt on the dot?)",
-            target=target_id, ns=ns, px=off,
+            "target {target} in image {image} is {px} px off: its centre or the image's spindle"
+            " pose is wrong (a reflection or dirt on the dot?)",
+            target=target_id, image=image, px=off,
         )  # fmt: skip
     return keyed(
         "said.centre_wrong",
-        "target {target} in the image of {ns} ns is {px} px off: its centre is wrong (a reflection"
-        " or dirt on the dot?)",
-        target=target_id, ns=ns, px=off,
+        "target {target} in image {image} is {px} px off: its centre is wrong (a reflection or dirt"
+        " on the dot?)",
+        target=target_id, image=image, px=off,
     )  # fmt: skip
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Literal
 
@@ -130,6 +130,8 @@ class Problem:
     ----------
     observations : tuple of Observation
         In the order of the arrays.
+    run_ns : tuple of int
+        Stamps of all images of the run, sorted: people count those that show nothing as well.
     points : (T, 1, 3) array
         Target centres relative to X_0, mm.
     circles : (T, 8, 3) array
@@ -142,6 +144,7 @@ class Problem:
     """
 
     observations: tuple[Observation, ...] = field(repr=False)
+    run_ns: tuple[int, ...] = field(repr=False)
     part: Part
     calibration: CameraCalibration
     centre_kind: int
@@ -212,6 +215,8 @@ def build_problem(
     part: Part,
     calibration: CameraCalibration,
     circle_centre: CircleCentre = CircleCentre.OUTLINE,
+    *,
+    run_ns: Iterable[int] = (),
 ) -> Problem:
     """Return the arrays of observations, whatever the order in which these came.
 
@@ -238,6 +243,7 @@ def build_problem(
     pose = calibration.taper_T_camera
     return Problem(
         observations=ordered,
+        run_ns=tuple(sorted({*run_ns, *stamps})),
         part=part,
         calibration=calibration,
         centre_kind=int(circle_centre),

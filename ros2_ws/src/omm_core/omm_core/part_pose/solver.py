@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -119,6 +119,8 @@ def solve(
     part: Part,
     calibration: CameraCalibration,
     options: SolveOptions | None = None,
+    *,
+    run_ns: Iterable[int] = (),
 ) -> Solution:
     """Solve the 7D (or 6D) problem from nothing.
 
@@ -130,6 +132,8 @@ def solve(
         What is known.
     options : SolveOptions
         How to solve.
+    run_ns : iterable of int
+        Stamps of all images of the run, by which words count them; default: of the observations.
 
     Raises
     ------
@@ -137,7 +141,7 @@ def solve(
         Where an observation is malformed, or of a target that the part does not have.
     """
     options = options or SolveOptions()
-    problem = build_problem(observations, part, calibration, options.circle_centre)
+    problem = build_problem(observations, part, calibration, options.circle_centre, run_ns=run_ns)
     many = _more_than_needed(problem)
     few = problem.without(many) if many.any() else problem
     found = search_blunders(few, options)

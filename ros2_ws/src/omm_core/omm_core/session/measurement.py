@@ -18,7 +18,7 @@ from omm_core.geometry import RigidTransform
 from omm_core.imaging.calibration import CameraCalibration
 from omm_core.session.pairing import PairedPose, PairingOptions, PoseTrack
 from omm_core.targets.coded.families import TargetFamily, mirror_code
-from omm_core.words import Words, keyed
+from omm_core.words import Words, image_number, keyed
 
 if TYPE_CHECKING:
     from omm_core.part_pose import Observation, Solution, SolveOptions
@@ -91,6 +91,7 @@ class Measurement:
         self._images: dict[int, set[tuple[_Seen, ...] | Words]] = {}
         self._left_out: frozenset[int] = frozenset()
         self._solved: tuple[Any, Solution] | None = None
+        self._counted = 0
 
     def add_pose(self, stamp_ns: int, machine_T_spindle: RigidTransform) -> None:
         """Add where the spindle was at a time; in any order."""
@@ -225,7 +226,9 @@ class Measurement:
             # Two exposures are never equal to the last digit: the camera sent one of them twice.
             if _same(content, known):
                 return keyed(
-                    "said.sent_again", "the camera sent the image of {ns} ns again", ns=other
+                    "said.sent_again",
+                    "the camera sent image {image} again",
+                    image=image_number(other, sorted(self._images)),
                 )
         return content
 
@@ -262,13 +265,21 @@ class Measurement:
              tuple(o.machine_T_spindle.rotation.ravel().tolist()))
             for o in observations
         ]  # fmt: skip
-        if self._solved is None or self._solved[0] != key:
-            options = self.options.solve
-            solution = solve(observations, self.part, self.calibration, options)
+        if self._solved is None or self._solved[0] != key or self._counts_otherwise():
+            solution = solve(
+                observations, self.part, self.calibration, self.options.solve, run_ns=self._images
+            )
             outside = extrapolation_words(solution, self.part, self.calibration)
             solution = replace(solution, remarks=(*solution.remarks, *outside))
             self._solved = (key, solution)
+            self._counted = len(self._images)
         return self._solved[1]
+
+    def _counts_otherwise(self) -> bool:
+        """Return whether what was found wrong counts images that are more by now."""
+        assert self._solved is not None
+        named = any(self._solved[1].findings) or any(self._solved[1].reasons)
+        return named and self._counted != len(self._images)
 
     def _observation_outcomes(
         self,

@@ -19,7 +19,7 @@ export function measure(state) {
       h("div", { "aria-live": "polite", id: "missing" },
         m.missing.length ? [h("h2", {}, t("measure.missing")), list(m.missing, "missing")] : null),
       m.pending ? h("p", {}, t("measure.pending", { n: m.pending })) : null,
-      refused(m.refused),
+      refused(m.refused, m.images),
       targets(m)),
   ];
 }
@@ -32,10 +32,10 @@ function program(control, from) {
   return h("span", { class: from.silent ? "stale" : "" }, `${word}${where} · ${still}`);
 }
 
-function refused(bad) {
+function refused(bad, of) {
   if (!bad.length) return null;
   return h("div", { id: "refused" }, h("h2", {}, t("measure.refused")),
-    h("ul", { class: "missing" }, [...bad].reverse().map((image) => h("li", {}, `${t("measure.image", { n: image.number })}: ${tell(image.why)}`))));
+    h("ul", { class: "missing" }, [...bad].reverse().map((image) => h("li", {}, `${t("measure.image", { n: image.number, of })}: ${tell(image.why)}`))));
 }
 
 function targets(m) {
@@ -63,6 +63,7 @@ function picture(p, camera) {
             x2: one.col - times * one.residual[0], y2: one.row - times * one.residual[1] }) : null,
         ]))),
     h("p", { class: "caption" }, [
+      p.at ? `${t("measure.image", { n: p.at, of: p.of })} · ` : "",
       t("measure.picture_of", { time: clock(p.time_ms), n: p.targets.length }),
       times ? ` · ${t("measure.enlarged", { times, px: fixed(largest, 3) })}` : "",
       camera.silent ? ` · ${t("status.age", { age: age(camera.age_s) })}` : "",

@@ -228,8 +228,12 @@ def _picture(
         if r.stamp_ns == picture.stamp_ns
     }
     seen = found.get(picture.stamp_ns, FoundFact(stamp_ns=picture.stamp_ns))
+    stamps = [image.stamp_ns for image in (estimate.images if estimate else ())]
+    counted = picture.stamp_ns in stamps
     return {
         "number": picture.number,
+        "at": stamps.index(picture.stamp_ns) + 1 if counted else None,
+        "of": len(stamps),
         "time_ms": picture.stamp_ns // 1_000_000,
         "width": picture.width_px,
         "height": picture.height_px,

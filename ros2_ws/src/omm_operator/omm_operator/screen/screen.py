@@ -116,7 +116,12 @@ class Screen:
             if image.refused and image.stamp_ns not in self._told_images:
                 self._told_images.add(image.stamp_ns)
                 self._trouble(
-                    say("trouble.image", number=_number(fact, image.stamp_ns)), image.reason
+                    say(
+                        "trouble.image",
+                        number=_number(fact, image.stamp_ns),
+                        of=len(fact.images),
+                    ),
+                    image.reason,
                 )
         for finding in fact.findings:
             if finding not in self._told_findings:
