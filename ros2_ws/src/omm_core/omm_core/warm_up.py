@@ -26,7 +26,7 @@ _ABOVE_MM = 600.0
 def warm_up_detection() -> None:
     """Find one target in a plain drawing, of 8 and of 16 bit."""
     from omm_core.targets import detect_targets
-    from omm_core.targets.coded.uneven import grey_unit, outline_uneven
+    from omm_core.targets.coded.uneven_outline import grey_unit, outline_uneven
 
     family = TargetFamily.by_name(_FAMILY)
     drawing = _drawing(family, 1)

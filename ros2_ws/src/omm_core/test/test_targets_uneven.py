@@ -6,7 +6,7 @@ from target_scenes import as_seen, target_image
 
 from omm_core.targets import detect_targets
 from omm_core.targets.coded.families import TargetFamily
-from omm_core.targets.coded.uneven import outline_uneven
+from omm_core.targets.coded.uneven_outline import outline_uneven
 
 FAMILY = TargetFamily.by_name("aicon14")
 DIAMETER_PX = 16.0

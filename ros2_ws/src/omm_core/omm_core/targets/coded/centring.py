@@ -19,7 +19,7 @@ from omm_core.targets.coded.light import (
     noise,
     slopes_prior,
 )
-from omm_core.targets.coded.uneven import grey_unit, outline_uneven
+from omm_core.targets.coded.uneven_outline import grey_unit, outline_uneven
 from omm_core.targets.conic.clustered import clustered_covariance
 from omm_core.targets.conic.dot_fit import Fitted, SlopesPrior, fit_dot, start_at
 from omm_core.targets.conic.dot_model import B0, BLUR, BX, BY, F0, FX, FY, Noise, Ring

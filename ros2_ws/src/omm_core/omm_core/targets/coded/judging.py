@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from omm_core.targets.coded import reading
 from omm_core.targets.coded.families import TargetFamily
 from omm_core.targets.coded.reading import read_candidates, read_ring
-from omm_core.targets.coded.uneven import grey_unit, outline_uneven, read_uneven
+from omm_core.targets.coded.uneven import read_uneven
+from omm_core.targets.coded.uneven_outline import grey_unit, outline_uneven
 from omm_core.targets.conic.outline import semi_axes, square_root, within_any
 from omm_core.targets.detected import RefusedTarget
 from omm_core.words import Words, keyed

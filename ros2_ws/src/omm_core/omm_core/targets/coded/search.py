@@ -198,66 +198,91 @@ def _crossing(half, col, row, c, s, t, level, sign):
 
 
 @numba.njit(cache=True, error_model="numpy")
+def _ray_lengths(half, col, row, level, sign, reach, turn, lengths):
+    """Fill how far it is from (col, row) to the first crossing of `level` on each ray.
+
+    Half of the rays are looked at in turn 0, which finds the middle. Return False where a ray does
+    not cross, or opposite ones differ by more than the middle may be off.
+    """
+    height, width = half.shape
+    rays = RAYS // 2 if turn == 0 else RAYS
+    for k in range(rays):
+        i = _ORDER[(k + 8 * turn) % RAYS]
+        c, s = _COS[3 * i], _SIN[3 * i]
+        t = 0
+        now = 0
+        across, down = col + 0.5, row + 0.5
+        while True:
+            t += 1
+            before = now
+            across += c
+            down += s
+            x, y = int(across), int(down)
+            if t > reach or x < 2 or y < 2 or x >= width - 2 or y >= height - 2:
+                return False
+            now = sign * (np.int64(half[y, x]) - level)
+            if now <= 0:
+                break
+        # To find the middle the nearest pixels are enough.
+        lengths[i] = t - 1 + (before / (before - now) if before > 0 else 0.5)
+        if turn == 1:
+            lengths[i] = _crossing(half, col, row, c, s, t, level, sign)
+        if k % 2 == 1:
+            opposite = lengths[i - RAYS // 2]
+            pair, differ = lengths[i] + opposite, abs(lengths[i] - opposite)
+            if differ > (2.0 + 0.25 * pair if turn == 0 else 1.4 + 0.1 * pair):
+                return False
+    return True
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _through_chords(lengths, chords):
+    """Return the ellipse through half of the chords, and how far its centre is away.
+
+    Returns
+    -------
+    a : mean of 1/r². b, c2 : how it differs by direction. gx, gy : gradient at the start.
+    """
+    a = b = c2 = gx = gy = 0.0
+    for k in range(chords):
+        i = k * (RAYS // 2) // chords
+        half_chord = 0.5 * (lengths[i] + lengths[i + RAYS // 2])
+        q = 1.0 / (half_chord * half_chord + 0.02)
+        a += q / chords
+        b += q * _COS[6 * i] * 2 / chords
+        c2 += q * _SIN[6 * i] * 2 / chords
+        off = 0.5 * (lengths[i] - lengths[i + RAYS // 2]) * q * 2 / chords
+        gx += off * _COS[3 * i]
+        gy += off * _SIN[3 * i]
+    return a, b, c2, gx, gy
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _fits_chords(lengths, chords, a, b, c2, times):
+    """Return whether no chord is far off the ellipse, by `times` what is allowed at last."""
+    for k in range(chords):
+        i = k * (RAYS // 2) // chords
+        half_chord = 0.5 * (lengths[i] + lengths[i + RAYS // 2])
+        q = a + b * _COS[6 * i] + c2 * _SIN[6 * i]
+        if q <= 0.0 or abs(1.0 / math.sqrt(q) - half_chord) > times * (0.6 + 0.1 * half_chord):
+            return False
+    return True
+
+
+@numba.njit(cache=True, error_model="numpy")
 def _ellipse(half, col, row, level, sign, reach):
     """Return the ellipse through the first crossings of `level` on rays from (col, row)."""
     height, width = half.shape
     lengths = np.empty(RAYS)
     a = b = c2 = 0.0
     for turn in range(2):
-        # Half of the rays find the middle.
-        rays = RAYS // 2 if turn == 0 else RAYS
-        for k in range(rays):
-            i = _ORDER[(k + 8 * turn) % RAYS]
-            c, s = _COS[3 * i], _SIN[3 * i]
-            t = 0
-            now = 0
-            across, down = col + 0.5, row + 0.5
-            while True:
-                t += 1
-                before = now
-                across += c
-                down += s
-                x, y = int(across), int(down)
-                if t > reach or x < 2 or y < 2 or x >= width - 2 or y >= height - 2:
-                    return False, 0.0, 0.0, 0.0, 0.0, 0.0
-                now = sign * (np.int64(half[y, x]) - level)
-                if now <= 0:
-                    break
-            # To find the middle the nearest pixels are enough.
-            lengths[i] = t - 1 + (before / (before - now) if before > 0 else 0.5)
-            if turn == 1:
-                lengths[i] = _crossing(half, col, row, c, s, t, level, sign)
-            if k % 2 == 1:
-                opposite = lengths[i - RAYS // 2]
-                pair, differ = lengths[i] + opposite, abs(lengths[i] - opposite)
-                if differ > (2.0 + 0.25 * pair if turn == 0 else 1.4 + 0.1 * pair):
-                    return False, 0.0, 0.0, 0.0, 0.0, 0.0
-        # Through half of the chords the ellipse (a: mean of 1/r², b and c2: how it differs by
-        # direction), through their middles how far its centre is away.
-        n = rays // 2
-        a = b = c2 = gx = gy = 0.0
-        for k in range(n):
-            i = k * RAYS // rays
-            c, s = _COS[3 * i], _SIN[3 * i]
-            half_chord = 0.5 * (lengths[i] + lengths[i + RAYS // 2])
-            q = 1.0 / (half_chord * half_chord + 0.02)
-            a += q / n
-            b += q * _COS[6 * i] * 2 / n
-            c2 += q * _SIN[6 * i] * 2 / n
-            off = 0.5 * (lengths[i] - lengths[i + RAYS // 2]) * q * 2 / n
-            gx += off * c
-            gy += off * s
-        det = a * a - b * b - c2 * c2
-        if det <= 0.048 * a * a:
+        if not _ray_lengths(half, col, row, level, sign, reach, turn, lengths):
             return False, 0.0, 0.0, 0.0, 0.0, 0.0
-        for k in range(n):
-            i = k * RAYS // rays
-            half_chord = 0.5 * (lengths[i] + lengths[i + RAYS // 2])
-            q = a + b * _COS[6 * i] + c2 * _SIN[6 * i]
-            if q <= 0.0 or abs(1.0 / math.sqrt(q) - half_chord) > (2 - turn) * (
-                0.6 + 0.1 * half_chord
-            ):
-                return False, 0.0, 0.0, 0.0, 0.0, 0.0
+        chords = RAYS // 4 if turn == 0 else RAYS // 2
+        a, b, c2, gx, gy = _through_chords(lengths, chords)
+        det = a * a - b * b - c2 * c2
+        if det <= 0.048 * a * a or not _fits_chords(lengths, chords, a, b, c2, 2 - turn):
+            return False, 0.0, 0.0, 0.0, 0.0, 0.0
         if turn == 0:
             col += ((a - b) * gx - c2 * gy) / det
             row += ((a + b) * gy - c2 * gx) / det

@@ -103,7 +103,7 @@ def _edge_on_ray(image, col, row, ux, uy, sign, begin, end):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _centre_and_size(p):
+def centre_and_size(p):
     """Return whether a conic (see `fit_conic`) is an ellipse near the unit circle.
 
     With its centre, and what to divide its matrix by.
@@ -132,7 +132,7 @@ def _mean_square_off(points, rays, p, centre, root):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _in_pixels(p, scale, root):
+def in_pixels(p, scale, root):
     """Return xx, xy, yy of a conic that is given in the frame of the unit circle."""
     a11, a12, a22 = root
     d = a11 * a22 - a12 * a12
@@ -175,13 +175,13 @@ def outline(image, col, row, xx, xy, yy, sign):
             width += wide / rays
         if not fit_conic(points, rays, p):
             return result, False
-        ok, du, dv, scale = _centre_and_size(p)
+        ok, du, dv, scale = centre_and_size(p)
         if not ok:
             return result, False
         off = _mean_square_off(points, rays, p, (du, dv, scale), root)
         if turn == 0 and off > 0.25 + 0.0064 * (a11 * a22 - a12 * a12):
             return result, False
-        xx, xy, yy = _in_pixels(p, scale, root)
+        xx, xy, yy = in_pixels(p, scale, root)
         col += a11 * du + a12 * dv
         row += a12 * du + a22 * dv
         result[COL], result[ROW], result[XX], result[XY], result[YY] = col, row, xx, xy, yy
