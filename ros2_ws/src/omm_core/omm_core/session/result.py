@@ -33,7 +33,7 @@ class ObservationOutcome:
     residual_px : (2,) tuple
         Computed minus measured (col, row); NaN where nothing could be computed.
     redundancy, w_test, smallest_detectable_px : float
-        See estimation/statistics.py; NaN where not used.
+        See `part_pose.statistics`; NaN where not used.
     """
 
     stamp_ns: int
