@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 from asyncua import Client, Node, ua
+from asyncua.common.subscription import Subscription
 
 from omm_cnc_bridge.clock import ControlClock
 from omm_cnc_bridge.control import ControlSample, WorkOffset
@@ -98,15 +98,17 @@ class Session:
         subscription = await self._client.create_subscription(interval_ms, self._samples)
         stamps_too = ua.DataChangeFilter(Trigger=ua.DataChangeTrigger.StatusValueTimestamp)
         asked_ms = await self._interval_to_ask_for(subscription, nodes)
-        for key, node in nodes.items():
-            await subscription._subscribe(
-                node,
-                mfilter=None if key == CLOCK else stamps_too,
-                queuesize=QUEUE,
-                sampling_interval=asked_ms,
+        for handle, (key, node) in enumerate(nodes.items(), start=1):
+            request = _request(
+                node, handle, asked_ms, queue=QUEUE, only=None if key == CLOCK else stamps_too
             )
+            (made,) = await subscription.create_monitored_items([request])
+            if isinstance(made, ua.StatusCode):
+                made.check()  # raises: an item is made, or its status is a bad one
 
-    async def _interval_to_ask_for(self, subscription: Any, nodes: dict[Key, Node]) -> float:
+    async def _interval_to_ask_for(
+        self, subscription: Subscription, nodes: dict[Key, Node]
+    ) -> float:
         """Return our interval (ms); 0 where the server revises ours upwards but 0 less.
 
         Such a server samples by slow timers, or reports every change (OPC 10000-4, 5.12.1.2).
@@ -114,15 +116,15 @@ class Session:
         """
         interval_ms = self._interval_s * 1e3
         trial = next(node for (_, item), node in nodes.items() if item in POSITIONS)
-        items = [
-            subscription._make_monitored_item_request(
-                trial, ua.AttributeIds.Value, None, 1, ua.MonitoringMode.Disabled, asked_ms
-            )
-            for asked_ms in (interval_ms, 0.0)
-        ]
+        disabled = ua.MonitoringMode.Disabled
+        # Not by the subscription, which does not tell what interval the server will keep.
         made = await subscription.server.create_monitored_items(
             ua.CreateMonitoredItemsParameters(
-                SubscriptionId=subscription.subscription_id, ItemsToCreate=items
+                SubscriptionId=subscription.subscription_id,
+                ItemsToCreate=[
+                    _request(trial, handle, asked_ms, mode=disabled)
+                    for handle, asked_ms in enumerate((interval_ms, 0.0), start=1)
+                ],
             )
         )
         await subscription.server.delete_monitored_items(
@@ -134,3 +136,25 @@ class Session:
         revised_ms = [item.RevisedSamplingInterval for item in made]
         ours_ms, fastest_ms = revised_ms
         return 0.0 if ours_ms > 1.5 * interval_ms and fastest_ms < ours_ms else interval_ms
+
+
+def _request(
+    node: Node,
+    handle: int,
+    sampling_ms: float,
+    *,
+    queue: int = 1,
+    only: ua.DataChangeFilter | None = None,
+    mode: ua.MonitoringMode = ua.MonitoringMode.Reporting,
+) -> ua.MonitoredItemCreateRequest:
+    """Return the request to watch a node's value; the handle is the subscription's key for it."""
+    asked = ua.MonitoringParameters(
+        ClientHandle=handle, SamplingInterval=sampling_ms, QueueSize=queue, DiscardOldest=True
+    )
+    if only is not None:
+        asked.Filter = only
+    return ua.MonitoredItemCreateRequest(
+        ItemToMonitor=ua.ReadValueId(NodeId=node.nodeid, AttributeId=ua.AttributeIds.Value),
+        MonitoringMode=mode,
+        RequestedParameters=asked,
+    )
