@@ -6,6 +6,7 @@ a name with NUL) is refused here for all of them, as a mistake of usage.
 
 import argparse
 import math
+import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,16 @@ _AT_LEAST = {
     "dot_mm": 0.0, "tolerance": 0.0, "remaining": 0.0, "bump": 0.0, "want_point": 0.0,
 }  # fmt: skip
 _AT_MOST = {"port": 65535, "jobs": 1024, "clampings": 100_000, "repeats": 100_000, "count": 10_000}
+
+_NEGATIVE = re.compile(r"^-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?(,.*)?$")
+
+
+def take_negative_numbers(parser: argparse.ArgumentParser) -> None:
+    """Take -1e-3 and -1,2 for numbers: argparse knows no exponents and no lists.
+
+    It has no public way to be told.
+    """
+    parser._negative_number_matcher = _NEGATIVE
 
 
 def guard(parser: argparse.ArgumentParser) -> None:

@@ -1,16 +1,14 @@
 """./omm handover: the part's pose in a control's own words."""
 
 import argparse
-import re
 from pathlib import Path
 
-_NEGATIVE = re.compile(r"^-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
+from omm_bringup.values import take_negative_numbers
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    # argparse knows no exponents: -1e-3 would be an unknown option.
-    parser._negative_number_matcher = _NEGATIVE
+    take_negative_numbers(parser)
     parser.add_argument("run", metavar="RUN", nargs="?", type=Path, help="a recording")
     parser.add_argument(
         "--theta",

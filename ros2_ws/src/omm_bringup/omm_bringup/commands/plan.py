@@ -1,15 +1,14 @@
 """./omm plan: where to take images for a wanted uncertainty, as a program."""
 
 import argparse
-import re
 from pathlib import Path
 
-_NEGATIVE = re.compile(r"^-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?(,.*)?$")
+from omm_bringup.values import take_negative_numbers
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser._negative_number_matcher = _NEGATIVE  # argparse knows no exponents
+    take_negative_numbers(parser)
     add = parser.add_argument
     add("--part", type=Path, required=True, metavar="PART.yaml")
     add("--calibration", type=Path, required=True, metavar="CAMERA.yaml")

@@ -2,14 +2,14 @@
 
 import argparse
 import json
-import re
 from pathlib import Path
+
+from omm_bringup.values import take_negative_numbers
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    # Negative numbers are no options, exponents included.
-    parser._negative_number_matcher = re.compile(r"^-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
+    take_negative_numbers(parser)
     parser.add_argument("run", metavar="RUN", type=Path, help="the measurement: its pose counts")
     parser.add_argument(
         "points",

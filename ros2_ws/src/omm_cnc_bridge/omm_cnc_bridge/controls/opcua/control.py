@@ -29,7 +29,7 @@ SILENCE_S = 5.0
 
 
 class OpcUaControl:
-    """A server at ``url``. ``mapping_file`` may be empty, see opcua_mapping.py."""
+    """A server at ``url``. ``mapping_file`` may be empty, see `mapping`."""
 
     name = "opcua"
 
