@@ -15,12 +15,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_core.alignment.controls import CONTROLS, Words, control_and_number
+from omm_core.alignment.control_lines import ControlLines
+from omm_core.alignment.controls import CONTROLS, control_and_number
 from omm_core.errors import InputError, MeasurementError
 from omm_core.files.part import Part, load_part
 from omm_core.geometry import RigidTransform
-from omm_core.words import Words as KeyedWords
-from omm_core.words import keyed
+from omm_core.words import Words, keyed
 
 Array = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ class Handover:
 
     text: str
     error_mm: float
-    words: Words
+    words: ControlLines
 
 
 DEFAULT_BOX = Box(
@@ -123,9 +123,7 @@ def hand_over(
     return Handover(text="\n".join(lines) + "\n", error_mm=error_mm, words=words)
 
 
-def _refusal(
-    pose: RigidTransform, control: str, error_mm: float, remaining_mm: float
-) -> KeyedWords:
+def _refusal(pose: RigidTransform, control: str, error_mm: float, remaining_mm: float) -> Words:
     if control != "linuxcnc":
         return keyed(
             "said.rounding_refused",

@@ -22,13 +22,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from omm_core.imaging.kernels import FASTMATH
+from omm_core.part_pose.mixture_kernels import normalise
 
 Array = NDArray[np.float64]
 
 _compiled = njit(cache=True, error_model="numpy", fastmath=FASTMATH)
-_NEGLIGIBLE = 1e-8  # of the largest weight
-_NO_RANK = 1e-9  # of a column of length 1: what is left of it without those before
-_WITHOUT_WIDTH = 3e-5  # the same, for the half widths
 
 
 class Matrices(NamedTuple):
@@ -112,97 +110,6 @@ def _forward(L, m, row):
 
 
 @_compiled
-def split_rows(design, split):
-    """Fill (P, K) of a design (n, u): P A = 1, K A = 0, K Kᵀ = 1; False where A has no rank.
-
-    Householder's A = Q R: K are the last rows of Qᵀ, and P is R⁻¹ times the first.
-    """
-    n, u = design.shape
-    A, v = np.empty((n, u)), np.empty(n)
-    scale = np.empty(u)
-    for j in range(u):
-        length2 = 0.0
-        for i in range(n):
-            length2 += design[i, j] * design[i, j]
-        if not length2 > 0.0:
-            return False
-        scale[j] = 1.0 / math.sqrt(length2)
-        for i in range(n):
-            A[i, j] = design[i, j] * scale[j]
-    for i in range(n):
-        for j in range(n):
-            split[i, j] = 1.0 if i == j else 0.0
-    for j in range(u):
-        length2 = 0.0
-        for i in range(j, n):
-            length2 += A[i, j] * A[i, j]
-        length = math.sqrt(length2)
-        if length < _NO_RANK:
-            return False
-        head = A[j, j] + (length if A[j, j] > 0.0 else -length)
-        v2 = length2 - A[j, j] * A[j, j] + head * head
-        v[j] = head
-        for i in range(j + 1, n):
-            v[i] = A[i, j]
-        for k in range(j, u):
-            value = 0.0
-            for i in range(j, n):
-                value += v[i] * A[i, k]
-            value *= 2.0 / v2
-            for i in range(j, n):
-                A[i, k] -= value * v[i]
-        for k in range(n):
-            value = 0.0
-            for i in range(j, n):
-                value += v[i] * split[i, k]
-            value *= 2.0 / v2
-            for i in range(j, n):
-                split[i, k] -= value * v[i]
-    for i in range(u - 1, -1, -1):
-        for k in range(n):
-            value = split[i, k]
-            for j in range(i + 1, u):
-                value -= A[i, j] * split[j, k]
-            split[i, k] = value / A[i, i]
-    for i in range(u):
-        for k in range(n):
-            split[i, k] *= scale[i]
-    return True
-
-
-@_compiled
-def smooth_covariance(effect, places, lengths, covariance):
-    """Fill E (k ⊗ 1) Eᵀ for each length, (L, r, r), with k = exp(-d² / 2 length²).
-
-    ``effect`` (r, S, 3) is E: what errors at the stops do; ``places`` (S, 3) where these are.
-    """
-    rows, count = effect.shape[0], effect.shape[1]
-    kernel, spread = np.empty((count, count)), np.empty((count, 3))
-    for index in range(lengths.size):
-        scale = -0.5 / (lengths[index] * lengths[index])
-        for i in range(count):
-            for j in range(i + 1):
-                apart2 = 0.0
-                for axis in range(3):
-                    apart2 += (places[i, axis] - places[j, axis]) ** 2
-                kernel[i, j] = kernel[j, i] = math.exp(scale * apart2)
-        for r in range(rows):
-            for i in range(count):
-                x = y = z = 0.0
-                for j in range(count):
-                    x += kernel[i, j] * effect[r, j, 0]
-                    y += kernel[i, j] * effect[r, j, 1]
-                    z += kernel[i, j] * effect[r, j, 2]
-                spread[i, 0], spread[i, 1], spread[i, 2] = x, y, z
-            for s in range(r + 1):
-                value = 0.0
-                for i in range(count):
-                    for axis in range(3):
-                        value += spread[i, axis] * effect[s, i, axis]
-                covariance[index, r, s] = covariance[index, s, r] = value
-
-
-@_compiled
 def _whiten(L, X, square):
     """Replace X (m, w) by L⁻¹ X, all columns at once, and fill XᵀX of that."""
     m, width = X.shape
@@ -272,123 +179,6 @@ def weigh(matrices, u_z, u, machines, weighed):
                         C_0[k, j] + a * C_image[k, j] + b * C_stop[k, j] + c * G[k, j]
                         - square[at + k, at + j]
                     )  # fmt: skip
-
-
-@_compiled
-def normalise(log_weight, weight):
-    """Fill the weights (P,), which sum to 1; return the logarithm of what they summed to."""
-    largest = -np.inf
-    for p in range(log_weight.size):
-        largest = max(largest, log_weight[p])
-    total = 0.0
-    for p in range(log_weight.size):
-        weight[p] = math.exp(log_weight[p] - largest)
-        total += weight[p]
-    for p in range(log_weight.size):
-        weight[p] /= total
-    return largest + math.log(total)
-
-
-@_compiled
-def moments(weight, deltas, covariances, to_theta, mean, covariance, means, sigmas):
-    """Fill mean (7,) and covariance (7, 7) of the mixture of one statement, in θ.
-
-    ``means``, ``sigmas`` (P, 7): those of each machine, 0 weight where negligible.
-    """
-    count, u = deltas.shape
-    largest = 0.0
-    for p in range(count):
-        largest = max(largest, weight[p])
-    room = np.empty((7, u))
-    turned = np.ascontiguousarray(to_theta.T)
-    mean[:] = 0.0
-    covariance[:, :] = 0.0
-    for p in range(count):
-        if weight[p] < _NEGLIGIBLE * largest:
-            continue
-        for i in range(7):
-            value = 0.0
-            for k in range(u):
-                value += to_theta[i, k] * deltas[p, k]
-            means[p, i] = value
-            mean[i] += weight[p] * value
-            for k in range(u):
-                room[i, k] = 0.0
-            for j in range(u):
-                factor = to_theta[i, j]
-                for k in range(u):
-                    room[i, k] += factor * covariances[p, j, k]
-        for i in range(7):
-            variance = 0.0
-            for k in range(u):
-                variance += room[i, k] * to_theta[i, k]
-                factor = weight[p] * room[i, k]
-                for j in range(i + 1):
-                    covariance[i, j] += factor * turned[k, j]
-            sigmas[p, i] = math.sqrt(max(variance, 0.0))
-    for p in range(count):
-        if weight[p] < _NEGLIGIBLE * largest:
-            continue
-        for i in range(7):
-            for j in range(i + 1):
-                covariance[i, j] += (
-                    weight[p] * (means[p, i] - mean[i]) * (means[p, j] - mean[j])
-                )  # fmt: skip
-    for i in range(7):
-        for j in range(i):
-            covariance[j, i] = covariance[i, j]
-
-
-@_compiled
-def half_widths(weight, means, sigmas, mean, covariance, level, widths):
-    """Fill the half widths (7,) about the mean that hold ``level`` of each marginal mixture.
-
-    Newton's method on the share, inside an interval that is halved where it leaves it.
-    """
-    largest = 0.0
-    for p in range(weight.size):
-        largest = max(largest, weight[p])
-    chosen = np.empty(weight.size, dtype=np.int64)
-    count = 0
-    for p in range(weight.size):
-        if weight[p] > _WITHOUT_WIDTH * largest:
-            chosen[count] = p
-            count += 1
-    for i in range(7):
-        sigma = math.sqrt(max(covariance[i, i], 0.0))
-        widths[i] = 0.0
-        if not sigma > 0.0:
-            continue
-        low, high, width = 0.0, 40.0 * sigma, 2.0 * sigma
-        for _ in range(100):
-            share = slope = 0.0
-            for k in range(count):
-                p = chosen[k]
-                s = sigmas[p, i]
-                off = means[p, i] - mean[i]
-                x, y = (width - off) / s, (width + off) / s
-                share += weight[p] * (
-                    1.0 - 0.5 * math.erfc(x * 0.7071067811865476)
-                    - 0.5 * math.erfc(y * 0.7071067811865476)
-                )  # fmt: skip
-                slope += (
-                    weight[p] * 0.3989422804014327
-                    * (math.exp(-0.5 * x * x) + math.exp(-0.5 * y * y)) / s
-                )  # fmt: skip
-            error = share - level
-            if error > 0.0:
-                high = width
-            else:
-                low = width
-            step = error / slope if slope > 0.0 else np.inf
-            new = width - step
-            if not (low < new < high):
-                new = 0.5 * (low + high)
-            if abs(new - width) < 1e-4 * sigma:  # what is left is the square of it
-                width = new
-                break
-            width = new
-        widths[i] = width
 
 
 @_compiled

@@ -8,15 +8,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_core.part_pose.grid_kernels import (
-    Matrices,
-    Weighed,
-    half_widths,
-    moments,
-    normalise,
-    weigh,
-)
+from omm_core.part_pose.grid_kernels import Matrices, Weighed, weigh
 from omm_core.part_pose.machine_noise import NoiseGrid, noise_grid
+from omm_core.part_pose.mixture_kernels import half_widths, moments, normalise
 from omm_core.part_pose.noise_model import NoiseModel
 from omm_core.part_pose.problem import Problem, SolveOptions
 

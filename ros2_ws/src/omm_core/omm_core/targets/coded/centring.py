@@ -21,7 +21,8 @@ from omm_core.targets.coded.light import (
 )
 from omm_core.targets.coded.uneven_outline import grey_unit, outline_uneven
 from omm_core.targets.conic.clustered import clustered_covariance
-from omm_core.targets.conic.dot_fit import Fitted, SlopesPrior, fit_dot, start_at
+from omm_core.targets.conic.dot_equations import SlopesPrior
+from omm_core.targets.conic.dot_fit import Fitted, fit_dot, start_at
 from omm_core.targets.conic.dot_model import B0, BLUR, BX, BY, F0, FX, FY, Noise, Ring
 from omm_core.targets.conic.outline import (
     LEVEL_IN,

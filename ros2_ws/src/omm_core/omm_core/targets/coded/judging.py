@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_core.targets.coded import reading
+from omm_core.targets.coded import ring_facts
 from omm_core.targets.coded.families import TargetFamily
 from omm_core.targets.coded.reading import read_candidates, read_ring
+from omm_core.targets.coded.ring_profile import SAMPLES
 from omm_core.targets.coded.uneven import read_uneven
 from omm_core.targets.coded.uneven_outline import grey_unit, outline_uneven
 from omm_core.targets.conic.outline import semi_axes, square_root, within_any
@@ -39,7 +40,7 @@ class RingReading:
     Attributes
     ----------
     outline : (9,) see `outline.outline`.
-    lean : (2,) the perspective's share, see `reading.ring_profile`.
+    lean : (2,) the perspective's share, see `ring_profile`.
     sign : +1 bright dot, -1 dark dot.
     bits : (n,) 0/1 clockwise from `phase_rad`, as seen; not yet rotated to the code.
     uneven : whether it could be read only as one on which the light falls off.
@@ -62,7 +63,7 @@ class RingReading:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Seen:
-    """What is seen of a candidate: `reading.read_ring`'s bits and facts, what speaks against it."""
+    """What is seen of a candidate: `read_ring`'s bits and facts, what speaks against it."""
 
     shape: Floats
     bits: NDArray[np.int64]
@@ -101,12 +102,12 @@ def judge_candidates(
         candidate = candidates[dots[i]]
         seen = _Seen(shape=shape, bits=bits[i], facts=facts[i], against=int(doubts[i]))
         # Perspective blurs a ring; it does not make one of nothing, or of the image's border.
-        if seen.against not in (reading.CUT, reading.NO_RING, reading.NO_DOT):
+        if seen.against not in (ring_facts.CUT, ring_facts.NO_RING, ring_facts.NO_DOT):
             lean = _perspective(image, family, shape, seen.facts)
             seen = seen if lean is None else _read(image, family, shape, lean)
         if seen.against in _MAY_BE_LIGHT:
             seen = _uneven(image, family, candidate) or seen
-        if seen.against in (reading.NO_RING, reading.NO_DOT):
+        if seen.against in (ring_facts.NO_RING, ring_facts.NO_DOT):
             continue  # nothing ring-like is there, which is not worth a word
         outcome = _number(family, seen, int(candidate[5]))
         if isinstance(outcome, RingReading):
@@ -117,17 +118,23 @@ def judge_candidates(
     return readings, refused
 
 
-_MAY_BE_LIGHT = (reading.UNCLEAR, reading.COVERED, reading.NO_RING, reading.SHADED, reading.NO_DOT)
+_MAY_BE_LIGHT = (
+    ring_facts.UNCLEAR,
+    ring_facts.COVERED,
+    ring_facts.NO_RING,
+    ring_facts.SHADED,
+    ring_facts.NO_DOT,
+)
 _DOUBTS = {
-    reading.CUT: keyed("said.ring_cut", "the ring is cut by the border of the image"),
-    reading.UNCLEAR: keyed("said.ring_unclear", "a sector of the ring is neither set nor clear"),
-    reading.COVERED: keyed(
+    ring_facts.CUT: keyed("said.ring_cut", "the ring is cut by the border of the image"),
+    ring_facts.UNCLEAR: keyed("said.ring_unclear", "a sector of the ring is neither set nor clear"),
+    ring_facts.COVERED: keyed(
         "said.ring_covered",
         "the ring does not look as its own bits let expect: something lies on it, or light falls on"
         " it",
     ),
-    reading.FILLED: keyed("said.ring_filled", "something lies between dot and ring"),
-    reading.SHADED: keyed(
+    ring_facts.FILLED: keyed("said.ring_filled", "something lies between dot and ring"),
+    ring_facts.SHADED: keyed(
         "said.ring_shaded", "a shadow lies on the ring: what is dark there may be set"
     ),
 }
@@ -136,12 +143,12 @@ _DOUBTS = {
 def _number(family: TargetFamily, seen: _Seen, sign: int) -> RingReading | RefusedTarget:
     """Return a reading, or a refusal."""
     shape = seen.shape
-    if seen.against == reading.OTHER_WIDTH:
+    if seen.against == ring_facts.OTHER_WIDTH:
         words = keyed(
             "said.ring_width", "the ring is not as wide as those of {family}", family=family.name
         )
         return refusal(shape, words)
-    if seen.against != reading.NONE:
+    if seen.against != ring_facts.NONE:
         return refusal(shape, _DOUBTS[seen.against])
     code = int("".join(map(str, seen.bits)), 2)
     target_id = family.id_of(code)
@@ -158,8 +165,8 @@ def _number(family: TargetFamily, seen: _Seen, sign: int) -> RingReading | Refus
         lean=seen.lean,
         sign=sign,
         bits=seen.bits,
-        phase_rad=float(seen.facts[reading.PHASE]),
-        margin=float(seen.facts[reading.MARGIN]),
+        phase_rad=float(seen.facts[ring_facts.PHASE]),
+        margin=float(seen.facts[ring_facts.MARGIN]),
         uneven=seen.uneven,
     )
 
@@ -206,7 +213,7 @@ def _read(image: NDArray[Any], family: TargetFamily, shape: Floats, lean: Floats
     """Read the ring under even light."""
     ring = (family.ring_inner_ratio, family.ring_outer_ratio, family.bits)
     bits, facts = read_ring(image, shape, lean, np.empty((2, 0)), *ring)
-    return _Seen(shape=shape, bits=bits, facts=facts, against=reading.doubt(facts), lean=lean)
+    return _Seen(shape=shape, bits=bits, facts=facts, against=ring_facts.doubt(facts), lean=lean)
 
 
 def _uneven(image: NDArray[Any], family: TargetFamily, candidate: Floats) -> _Seen | None:
@@ -216,16 +223,16 @@ def _uneven(image: NDArray[Any], family: TargetFamily, candidate: Floats) -> _Se
     if not ok:
         return None
     ring = np.array([family.ring_inner_ratio, family.ring_outer_ratio])
-    light = np.empty((2, family.bits * reading.SAMPLES))
+    light = np.empty((2, family.bits * SAMPLES))
     bits, facts, ok = read_uneven(image, shape, candidate[5], unit, ring, family.bits, light)
     if not ok:
         return None
-    return _Seen(shape=shape, bits=bits, facts=facts, against=reading.NONE, uneven=True)
+    return _Seen(shape=shape, bits=bits, facts=facts, against=ring_facts.NONE, uneven=True)
 
 
 def _ring_error(facts: Floats) -> float:
     """Return the RMS of the ring as seen less as its bits say; NaN outside the image."""
-    if math.isnan(facts[reading.PHASE]):
+    if math.isnan(facts[ring_facts.PHASE]):
         return math.nan
-    unread = facts[reading.MARGIN] < 0.1 or facts[reading.LARGEST] < 0.5
-    return 1.0 if unread else float(facts[reading.PROFILE_RMS])
+    unread = facts[ring_facts.MARGIN] < 0.1 or facts[ring_facts.LARGEST] < 0.5
+    return 1.0 if unread else float(facts[ring_facts.PROFILE_RMS])

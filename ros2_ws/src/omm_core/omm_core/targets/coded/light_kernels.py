@@ -8,7 +8,7 @@ import numba
 import numpy as np
 
 from omm_core.numerics.linear_algebra import invert, product
-from omm_core.targets.coded.reading import phi
+from omm_core.targets.coded.ring_profile import phi
 from omm_core.targets.conic.outline import square_root
 
 

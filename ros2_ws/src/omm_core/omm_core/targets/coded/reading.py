@@ -3,11 +3,28 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numba
 import numpy as np
 
+from omm_core.targets.coded.ring_facts import (
+    BEFORE,
+    FACTS,
+    GAP,
+    LARGEST,
+    MARGIN,
+    MAX_PROFILE_RMS,
+    MAX_SECTOR_ERROR,
+    MIN_MARGIN,
+    NO_DOT,
+    NONE,
+    PHASE,
+    PROFILE_RMS,
+    SECTOR_ERROR,
+    STANDS_OUT,
+    doubt,
+)
+from omm_core.targets.coded.ring_profile import SAMPLES, View, expected_of, profile_of, read_bits
 from omm_core.targets.conic.outline import (
     COL,
     LEVEL_IN,
@@ -17,180 +34,14 @@ from omm_core.targets.conic.outline import (
     XX,
     XY,
     YY,
-    between,
     dot_outline,
-    inside,
     square_root,
     within_any,
 )
 
-FACTS = 9
-PHASE, MARGIN, SECTOR_ERROR, PROFILE_RMS, GAP, BEFORE, BEYOND, LARGEST, STANDS_OUT = range(FACTS)
-"""Places of the facts of `read_ring`."""
-SAMPLES = 8
-"""Samples of the ring per sector."""
-MAX_GAP = 0.45
-"""Largest deviation from the background between dot and ring."""
-MAX_BESIDE = 0.35
-"""Largest share of the set samples that is still set where the ring must have ended."""
-MIN_MARGIN = 0.15
-"""A sector nearer to the threshold (of a contrast of 1) is doubtful."""
-MAX_SECTOR_ERROR = 0.28
-"""How far a sector may be off what dot, blur and bits let expect."""
-MAX_PROFILE_RMS = 0.17
-"""The same for the root mean square around the ring."""
 MAX_BY_GAP, MAX_BY_BEHIND, MAX_BY_BEHIND_IN_SHADOW = 2.0, 1.5, 1.2
 """How much brighter than the gap before it and than what is behind it a clear sector may be; than
 the latter less where the dot's side is dark, too."""
-
-
-@numba.njit(cache=True, error_model="numpy")
-def ring_profile(image, col, row, a11, a12, a22, lean_x, lean_y, radii, count):
-    """Return the mean grey value at radii (in dot radii), `count` angles clockwise.
-
-    It is NaN outside the image.
-
-    `lean` is the perspective's share: a point u of the target's plane (dot radii) is seen at
-    centre + A u / (1 + lean · u).
-    """
-    profile = np.zeros(count)
-    turn_c, turn_s = math.cos(2 * math.pi / count), math.sin(2 * math.pi / count)
-    c, s = math.cos(math.pi / count), -math.sin(math.pi / count)
-    for i in range(count):
-        c, s = c * turn_c - s * turn_s, s * turn_c + c * turn_s
-        for j in range(len(radii)):
-            r = radii[j]
-            w = 1.0 + r * (lean_x * c + lean_y * s)
-            x = (a11 * c + a12 * s) * r / w
-            y = (a12 * c + a22 * s) * r / w
-            if not inside(image, col + x, row + y):
-                profile[i] = math.nan
-                break
-            profile[i] += between(image, col + x, row + y) / len(radii)
-    return profile
-
-
-@numba.njit(cache=True, error_model="numpy")
-def read_bits(profile, bits):
-    """Return the phase of the sectors and the mean over each one's middle half.
-
-    Parameters
-    ----------
-    profile : (bits * SAMPLES,) 0 = background, 1 = set.
-
-    Returns
-    -------
-    values : (bits,) clockwise. phase : where the first sector begins, in samples.
-    """
-    n = len(profile)
-    re = im = 0.0
-    for i in range(n):
-        jump = abs(profile[(i + 1) % n] - profile[i - 1])
-        angle = 2 * math.pi * (i + 0.5) / SAMPLES
-        re += jump * jump * math.cos(angle)
-        im += jump * jump * math.sin(angle)
-    phase = math.atan2(im, re) / (2 * math.pi) * SAMPLES
-    if phase < 0.0:
-        phase += SAMPLES
-    values = np.zeros(bits)
-    for b in range(bits):
-        total = 0.0
-        taken = 0
-        for k in range(SAMPLES // 4, SAMPLES - SAMPLES // 4):
-            total += profile[int(phase + b * SAMPLES + k + 0.001) % n]
-            taken += 1
-        values[b] = total / taken
-    return values, phase
-
-
-_PHI = np.array([0.5 * math.erfc(-z / math.sqrt(2.0)) for z in np.arange(-256, 258) / 64.0])
-
-
-@numba.njit(cache=True, error_model="numpy")
-def phi(z):
-    """Return the normal distribution to 1e-5, from a table."""
-    if z >= 4.0:
-        return 1.0
-    if z <= -4.0:
-        return 0.0
-    t = 64.0 * z + 256.0
-    i = int(t)
-    return _PHI[i] + (t - i) * (_PHI[i + 1] - _PHI[i])
-
-
-@numba.njit(cache=True, error_model="numpy")
-def expected_profile(a11, a12, a22, inner, outer, bits, phase, s, radii, count):
-    """Return what `ring_profile` should show of the bits: 0 to 1, with the blur s (px).
-
-    `phase` is where the first sector begins (rad, clockwise; within the first sector's width).
-    """
-    n = len(bits)
-    pitch = 2.0 * math.pi / n
-    det = a11 * a22 - a12 * a12
-    # Around the ring and on, so that no index needs to be wrapped.
-    around = np.empty(n + 6, dtype=np.int64)
-    for m in range(n + 6):
-        around[m] = bits[(m - 3) % n]
-    profile = np.empty(count)
-    turn_c, turn_s = math.cos(2 * math.pi / count), math.sin(2 * math.pi / count)
-    c, s_ = math.cos(math.pi / count), -math.sin(math.pi / count)
-    for i in range(count):
-        angle = 2 * math.pi * (i + 0.5) / count
-        c, s_ = c * turn_c - s_ * turn_s, s_ * turn_c + c * turn_s
-        along = math.sqrt((a11 * c + a12 * s_) ** 2 + (a12 * c + a22 * s_) ** 2)
-        # Pixels per dot radius perpendicular to the ring's edge, and per radian to a border's.
-        across = det / math.sqrt((a22 * c - a12 * s_) ** 2 + (a11 * s_ - a12 * c) ** 2)
-        side = det / along
-        radial = 0.0
-        mean_radius = 0.0
-        for j in range(len(radii)):
-            z_in, z_out = (radii[j] - inner) * across / s, (radii[j] - outer) * across / s
-            radial += (phi(z_in) - phi(z_out)) / len(radii)
-            mean_radius += radii[j] / len(radii)
-        turn = (angle - phase) / pitch
-        k = math.floor(turn)
-        scale = pitch * mean_radius * side / s
-        value = around[k + 1] + 0.0
-        for m in range(k - 1, k + 3):
-            jump = around[m + 3] - around[m + 2]
-            if jump != 0:
-                value += jump * phi((turn - m) * scale)
-        profile[i] = value * radial
-    return profile
-
-
-class View(NamedTuple):
-    """How a ring is seen.
-
-    The dot's centre and root A, the perspective's share (see `ring_profile`), the ring's radii in
-    dot radii, the blur in px.
-    """
-
-    col: float
-    row: float
-    a11: float
-    a12: float
-    a22: float
-    lean_x: float
-    lean_y: float
-    inner: float
-    outer: float
-    s: float
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _profile(image, view, radii, count):
-    return ring_profile(
-        image, view.col, view.row, view.a11, view.a12, view.a22, view.lean_x, view.lean_y,
-        radii, count,
-    )  # fmt: skip
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _expected(view, bits, phase, radii, count):
-    return expected_profile(
-        view.a11, view.a12, view.a22, view.inner, view.outer, bits, phase, view.s, radii, count
-    )
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -198,7 +49,7 @@ def _set_bits(view, values, radii, bits, facts):
     """Fill the bits from the sectors' means, with margin and largest value."""
     bits[:] = 1
     places = np.int64(16)
-    all_set = _expected(view, bits, 0.0, radii, places)
+    all_set = expected_of(view, bits, 0.0, radii, places)
     level = 0.0
     for i in range(places):
         level += all_set[i] / places
@@ -214,7 +65,7 @@ def _set_bits(view, values, radii, bits, facts):
 def _set_errors(view, ring, phase, radii, bits, facts):
     """Fill how far the profile is off what the bits let expect, and return it."""
     count = len(ring)
-    error = _expected(view, bits, facts[PHASE], radii, count)
+    error = expected_of(view, bits, facts[PHASE], radii, count)
     for i in range(count):
         error[i] = ring[i] - error[i]
         facts[PROFILE_RMS] += error[i] * error[i] / count
@@ -243,8 +94,8 @@ def _set_beside(image, view, wider, light, phase, bits, facts):
     for place in range(3):
         before = view.inner - 0.3 - wider
         at[0] = before if place == 0 else view.outer + (0.2 if place == 1 else 0.35)
-        seen = _profile(image, view, at, count)
-        expected = _expected(view, bits, facts[PHASE], at, count)
+        seen = profile_of(image, view, at, count)
+        expected = expected_of(view, bits, facts[PHASE], at, count)
         side = min(place, 1)
         for i in range(count):
             if not math.isnan(seen[i]):
@@ -269,7 +120,7 @@ def _look_beside(image, view, levels, ring, error, light, phase, bits, facts):
     count = len(ring) // 2
     at = np.empty(1)
     at[0] = 1.0 + 0.5 * (view.inner - 1.0)
-    gap = _profile(image, view, at, count)
+    gap = profile_of(image, view, at, count)
     for i in range(count):
         facts[GAP] = max(facts[GAP], abs(gap[i] - bases[2 * i]) / heights[2 * i])
     # Where the dot is saturated, all that is bright looks wider, by up to about s.
@@ -282,7 +133,7 @@ def _look_beside(image, view, levels, ring, error, light, phase, bits, facts):
     for i in range(2 * count):
         ring[i] = bases[i] + heights[i] * (ring[i] - over * (ring[i] - error[i]))
     at[0] = 0.65
-    dot = _profile(image, view, at, count)
+    dot = profile_of(image, view, at, count)
     for i in range(count):
         dot[i] = (dot[i] - gap[i]) / height
     facts[STANDS_OUT] = _shaded(ring, gap, behind, dot, bits, phase, 1 if height > 0.0 else -1)
@@ -319,7 +170,7 @@ def read_ring(image, shape, lean, light, inner, outer, bits_count):
     middle, spread = 0.5 * (inner + outer), 0.25 * (outer - inner)
     radii = np.empty(3)
     radii[0], radii[1], radii[2] = middle - spread, middle, middle + spread
-    ring = _profile(image, view, radii, count)
+    ring = profile_of(image, view, radii, count)
     for i in range(count):
         if math.isnan(ring[i]):
             facts[PHASE] = math.nan
@@ -379,30 +230,6 @@ def _shaded(ring, gap, behind, dot, bits, phase, sign):
         if out:
             most = max(most, abs(value - near) / taken / allowed)
     return most
-
-
-NONE, CUT, NO_RING, UNCLEAR, COVERED, FILLED, OTHER_WIDTH, SHADED, NO_DOT = range(9)
-"""What may speak against a ring, in the order in which it is asked; or against its dot."""
-
-
-@numba.njit(cache=True, error_model="numpy")
-def doubt(facts):
-    """Return what speaks against a ring, from the facts of `read_ring`."""
-    if math.isnan(facts[PHASE]):
-        return CUT
-    if facts[LARGEST] < 0.5 or facts[PROFILE_RMS] > 2.0 * MAX_PROFILE_RMS:
-        return NO_RING
-    if facts[MARGIN] < MIN_MARGIN:
-        return UNCLEAR
-    if facts[SECTOR_ERROR] > MAX_SECTOR_ERROR or facts[PROFILE_RMS] > MAX_PROFILE_RMS:
-        return COVERED
-    if facts[GAP] > MAX_GAP:
-        return FILLED
-    if max(facts[BEFORE], facts[BEYOND]) > MAX_BESIDE:
-        return OTHER_WIDTH
-    if facts[STANDS_OUT] > 1.0:
-        return SHADED
-    return NONE
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -16,16 +16,9 @@ import math
 import numba
 import numpy as np
 
-from omm_core.targets.coded.reading import (
-    FACTS,
-    NONE,
-    PHASE,
-    SAMPLES,
-    doubt,
-    read_bits,
-    read_ring,
-    ring_profile,
-)
+from omm_core.targets.coded.reading import read_ring
+from omm_core.targets.coded.ring_facts import FACTS, NONE, PHASE, doubt
+from omm_core.targets.coded.ring_profile import SAMPLES, read_bits, ring_profile
 from omm_core.targets.coded.uneven_light import light_around_ring
 from omm_core.targets.conic.outline import square_root
 

@@ -17,43 +17,35 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-from omm_core.numerics.linear_algebra import copy_to, invert, product
+from omm_core.numerics.linear_algebra import copy_to, product
+from omm_core.targets.conic.dot_equations import (
+    SETTLED,
+    centre_covariance,
+    look,
+    rooms,
+    set_equations,
+    solve,
+)
 from omm_core.targets.conic.dot_model import (
     B0,
     BLUR,
-    BX,
     CHI2,
     CLEAR_PIXELS,
     CLEAR_SQUARES,
     F0,
-    FX,
     PARAMETERS,
     PIXELS,
     SET_PIXELS,
     SET_SQUARES,
     Floats,
-    find_clipped,
-    linearise,
-    place,
-    shares,
     sort_pixels,
     window_of,
 )
 from omm_core.targets.conic.outline import COL, LEVEL_IN, LEVEL_OUT, ROW, WIDTH, XX, XY, YY
 
 MAX_TURNS = 25
-SETTLED = 4
-"""Turns after which the set of pixels does not change any more, so that costs can be compared."""
 FIRST_DAMPING = 0.1
-
-
-class SlopesPrior(NamedTuple):
-    """Information (4, 4) and mean (4,) of the slopes (fx, fy, bx, by)."""
-
-    information: Floats
-    mean: Floats
 
 
 class Fitted(NamedTuple):
@@ -100,120 +92,6 @@ def start_at(shape: Floats) -> Fitted:
     return Fitted(p, np.zeros((2, 2)), np.zeros(6))
 
 
-class _Room(NamedTuple):
-    """What a fit knows of its pixels, see dot_model.py."""
-
-    pixels: Floats
-    flat: Floats
-    geometry: Floats
-    rows: Floats
-    rests: Floats
-    clipped: NDArray[np.bool_]
-
-
-class _Equations(NamedTuple):
-    """Normal equations, scaled, their solution, and room for it."""
-
-    normal: Floats
-    right: Floats
-    scaled: Floats
-    scale: Floats
-    inverse: Floats
-    step: Floats
-
-
-class _Best(NamedTuple):
-    """The best parameters so far, with their normal equations."""
-
-    p: Floats
-    right: Floats
-    normal: Floats
-
-
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
-def _add_flat(flat, p, noise, normal, right, statistics):
-    """Add what the wholly set [0] and the wholly clear [1] pixels tell: of light only."""
-    for kind in range(2):
-        at = F0 if kind == 0 else B0
-        sums, level, slope_x, slope_y = flat[kind], p[at], p[at + 1], p[at + 2]
-        w = 1.0 / (noise.read + noise.gain * max(level, 0.0))
-        normal[at, at] += w * sums[0]
-        normal[at + 1, at] += w * sums[1]
-        normal[at + 2, at] += w * sums[2]
-        normal[at + 1, at + 1] += w * sums[3]
-        normal[at + 2, at + 1] += w * sums[4]
-        normal[at + 2, at + 2] += w * sums[5]
-        rest_0 = sums[6] - level * sums[0] - slope_x * sums[1] - slope_y * sums[2]
-        rest_x = sums[7] - level * sums[1] - slope_x * sums[3] - slope_y * sums[4]
-        rest_y = sums[8] - level * sums[2] - slope_x * sums[4] - slope_y * sums[5]
-        right[at] += w * rest_0
-        right[at + 1] += w * rest_x
-        right[at + 2] += w * rest_y
-        squares = (
-            sums[9]
-            - level * (sums[6] + rest_0)
-            - slope_x * (sums[7] + rest_x)
-            - slope_y * (sums[8] + rest_y)
-        )
-        statistics[SET_PIXELS if kind == 0 else CLEAR_PIXELS] += sums[0]
-        statistics[SET_SQUARES if kind == 0 else CLEAR_SQUARES] += squares
-        statistics[CHI2] += w * squares
-        statistics[PIXELS] += sums[0]
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _add_prior(light, p, normal, right):
-    """Add what the ring tells of the slopes (fx, fy, bx, by); return its weighted square."""
-    prior, mean = light.information, light.mean
-    cost = 0.0
-    for j in range(4):
-        a = FX + j if j < 2 else BX + j - 2
-        for k in range(4):
-            c = FX + k if k < 2 else BX + k - 2
-            pull = prior[j, k] * (mean[k] - p[c])
-            right[a] += pull
-            cost += (mean[j] - p[a]) * pull
-            if c <= a:
-                normal[a, c] += prior[j, k]
-    return cost
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _solve(equations, damping):
-    """Fill the step and the scaled normal matrix' inverse; return False where there is none.
-
-    The matrix is scaled to a diagonal of 1 + damping.
-    """
-    normal, right, scaled = equations.normal, equations.right, equations.scaled
-    scale, inverse, step = equations.scale, equations.inverse, equations.step
-    n = len(right)
-    for j in range(n):
-        if not normal[j, j] > 0.0:
-            return False
-        scale[j] = 1.0 / math.sqrt(normal[j, j])
-    for j in range(n):
-        for k in range(j + 1):
-            scaled[j, k] = normal[j, k] * scale[j] * scale[k]
-        scaled[j, j] = 1.0 + damping
-    if not invert(scaled, inverse):
-        return False
-    for j in range(n):
-        step[j] = 0.0
-        for k in range(n):
-            step[j] += inverse[j, k] * right[k] * scale[k]
-        step[j] *= scale[j]
-    return True
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _centre_covariance(equations, covariance):
-    """Fill the covariance (2, 2) of (col, row)."""
-    inverse, scale = equations.inverse, equations.scale
-    covariance[0, 0] = inverse[0, 0] * scale[0] * scale[0]
-    covariance[0, 1] = covariance[1, 0] = inverse[0, 1] * scale[0] * scale[1]
-    covariance[1, 1] = inverse[1, 1] * scale[1] * scale[1]
-
-
 @numba.njit(cache=True, error_model="numpy")
 def _bold(p, step, move):
     """Return the share of a step that the model's curvature allows."""
@@ -227,55 +105,6 @@ def _bold(p, step, move):
         if abs(step[bright]) > 0.5 * level:
             factor = min(factor, 0.5 * level / abs(step[bright]))
     return factor
-
-
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
-def _rooms(extent):
-    """Return the room for a window of a half width, and for the equations."""
-    most, n = int(2.0 * extent + 4.0) ** 2, np.int64(PARAMETERS)
-    room = _Room(
-        np.empty((3, most)), np.zeros((2, 10)), np.empty((5, most)), np.empty((PARAMETERS, most)),
-        np.empty(most), np.zeros(most, dtype=np.bool_),
-    )  # fmt: skip
-    equations = _Equations(
-        np.empty((n, n)), np.empty(n), np.empty((n, n)), np.empty(n), np.empty((n, n)), np.empty(n)
-    )
-    return room, equations, _Best(np.empty(n), np.empty(n), np.empty((n, n)))
-
-
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
-def _look(p, used, turn, window, ring, noise, room, statistics):
-    """Fill rows and rests at p; return whether what is clipped may still change."""
-    pixels, geometry, clipped = room.pixels, room.geometry, room.clipped
-    place(pixels, used, p, geometry)
-    shares(pixels, geometry, used, p, window, ring)
-    some = False
-    if turn < SETTLED:
-        # Which pixels are clipped is settled in the first turns, lest they come and go.
-        some = find_clipped(pixels, geometry, used, p, window, noise, turn < 2, clipped)
-    linearise(pixels, geometry, used, p, window, noise, clipped, room.rows, room.rests, statistics)
-    return some and turn < SETTLED - 1
-
-
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
-def _set_equations(fitted, used, levels, noise, light, room, equations):
-    """Fill the normal equations from the rows; return the cost."""
-    p, statistics = fitted.p, fitted.statistics
-    rows, rests, normal, right = room.rows, room.rests, equations.normal, equations.right
-    for j in range(len(right)):
-        right[j] = product(rows[j], rests, used)
-        for k in range(j + 1):
-            normal[j, k] = product(rows[j], rows[k], used)
-    _add_flat(room.flat, p, noise, normal, right, statistics)
-    cost = statistics[CHI2] + _add_prior(light, p, normal, right)
-    # Where all of the dot is saturated only its edge tells of F: hold it loosely.
-    f_start, b_start = levels
-    loose = 1.0 / (f_start - b_start) ** 2
-    normal[F0, F0] += loose
-    normal[B0, B0] += loose
-    right[F0] += loose * (f_start - p[F0])
-    right[B0] += loose * (b_start - p[B0])
-    return cost + loose * ((f_start - p[F0]) ** 2 + (b_start - p[B0]) ** 2)
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
@@ -328,7 +157,7 @@ def _has_settled(move, damping, equations, covariance):
 
     Below a quarter of the standard deviation; a twentieth of that step is left.
     """
-    _centre_covariance(equations, covariance)
+    centre_covariance(equations, covariance)
     limit = 0.03 * (covariance[0, 0] + covariance[1, 1]) + 1e-10
     return (move * (1.0 + damping)) ** 2 < limit
 
@@ -341,8 +170,8 @@ def _finish(fitted, damping, equations):
     statistics[CHI2] = max(statistics[CHI2] - product(step, right, len(right)), 0.0)
     converged = True
     if damping > 0.0:
-        converged = _solve(equations, 0.0)
-        _centre_covariance(equations, fitted.covariance)
+        converged = solve(equations, 0.0)
+        centre_covariance(equations, fitted.covariance)
     return converged
 
 
@@ -365,7 +194,7 @@ def fit_dot(image, start, sign, ring, noise, light, fitted):
     window = window_of(start)
     s_start, levels = p[BLUR], (p[F0], p[B0])
     below = noise.saturation - 4.5 * math.sqrt(noise.read + noise.gain * noise.saturation)
-    room, equations, best = _rooms((1.0 + 0.6 * (ring.inner - 1.0)) * window.reach)
+    room, equations, best = rooms((1.0 + 0.6 * (ring.inner - 1.0)) * window.reach)
     step = equations.step
     lowest, damping = math.inf, 0.0
     used = np.int64(0)
@@ -373,8 +202,8 @@ def fit_dot(image, start, sign, ring, noise, light, fitted):
     for turn in range(MAX_TURNS):
         if sorting:
             used = sort_pixels(image, start, p, ring.inner, below, room.pixels, room.flat)
-        changing = _look(p, used, turn, window, ring, noise, room, fitted.statistics)
-        cost = _set_equations(fitted, used, levels, noise, light, room, equations)
+        changing = look(p, used, turn, window, ring, noise, room, fitted.statistics)
+        cost = set_equations(fitted, used, levels, noise, light, room, equations)
         worse = turn >= SETTLED and cost > lowest * (1.0 + 1e-9)
         if worse:
             # Level, size and blur of what is saturated can hardly be told apart: step less far.
@@ -384,7 +213,7 @@ def fit_dot(image, start, sign, ring, noise, light, fitted):
             lowest = cost
             damping *= 0.1
             _keep(best, p, equations)
-        if not _solve(equations, damping):
+        if not solve(equations, damping):
             return False
         move = math.sqrt(step[COL] * step[COL] + step[ROW] * step[ROW])
         factor = _bold(p, step, move)

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_core.targets.conic.dot_fit import SlopesPrior, fit_dot, start_at
+from omm_core.targets.conic.dot_equations import SlopesPrior
+from omm_core.targets.conic.dot_fit import fit_dot, start_at
 from omm_core.targets.conic.dot_model import BLUR, XX, XY, YY, Noise, Ring
 from omm_core.targets.conic.outline import (
     LEVEL_IN,
