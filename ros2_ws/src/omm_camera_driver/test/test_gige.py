@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from omm_camera_driver.driver import CameraSettings, Frame, Trigger
 from omm_camera_driver.drivers.gige import gvcp
-from omm_camera_driver.drivers.gige.driver import GigeDriver, GigeOptions, find
+from omm_camera_driver.drivers.gige.driver import GigeDriver, GigeOptions
+from omm_camera_driver.drivers.gige.finding import find
 from omm_camera_driver.drivers.gige.simulator import GigeSimulator
 from omm_core.errors import DeviceError, InputError
 

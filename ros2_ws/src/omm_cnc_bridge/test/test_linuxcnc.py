@@ -15,11 +15,8 @@ import pytest
 
 from omm_cnc_bridge.control import ControlSample, ProgramState
 from omm_cnc_bridge.controls.linuxcnc.cell import LinuxCncCell, is_installed
-from omm_cnc_bridge.controls.linuxcnc.control import (
-    LOCAL_READER,
-    LinuxCncControl,
-    SimulatedLinuxCnc,
-)
+from omm_cnc_bridge.controls.linuxcnc.control import LOCAL_READER, LinuxCncControl
+from omm_cnc_bridge.controls.linuxcnc.simulated import SimulatedLinuxCnc
 from omm_cnc_bridge.judgement import Judge, SampleLimits
 from omm_cnc_bridge.standstill import StandStillLimits
 from omm_core.errors import DeviceError

@@ -11,7 +11,7 @@ import pytest
 from mtconnect_agent import GOOD, Agent
 
 from omm_cnc_bridge.control import Mode, ProgramState
-from omm_cnc_bridge.controls.mtconnect import control as mtconnect_control
+from omm_cnc_bridge.controls.mtconnect import multipart
 from omm_cnc_bridge.controls.mtconnect.control import MtConnectControl
 from omm_cnc_bridge.controls.mtconnect.model import read_device, read_document, stamp_ns
 from omm_core.errors import DeviceError, InputError
@@ -250,7 +250,7 @@ def test_an_answer_without_an_end_is_given_up(
     piece: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Endless, "piece", piece)
-    monkeypatch.setattr(mtconnect_control, "ANSWER_S", 1.0)
+    monkeypatch.setattr(multipart, "ANSWER_S", 1.0)
     server = ThreadingHTTPServer(("127.0.0.1", 0), Endless)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     try:
@@ -265,4 +265,4 @@ def test_an_answer_without_an_end_is_given_up(
 def test_a_part_that_says_it_is_endless_is_not_waited_for() -> None:
     for length in (b"9" * 5000, b"99999999999", b"-1"):
         with pytest.raises(DeviceError, match="part"):
-            mtconnect_control._content_length(b"--x\r\nContent-Length: " + length)
+            multipart._content_length(b"--x\r\nContent-Length: " + length)

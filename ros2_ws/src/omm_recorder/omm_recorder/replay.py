@@ -1,10 +1,8 @@
 """Publishes a recording as it was: same bytes, same stamps, same order, and /clock."""
 
-import queue
 import sys
 import threading
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +18,7 @@ from omm_recorder.conversions import as_installed, message_class, profile_from_q
 from omm_recorder.definitions import definition, fields_of
 from omm_recorder.keyboard import Keyboard
 from omm_recorder.playback import MAX_RATE, MIN_RATE, PlaybackClock
+from omm_recorder.reading_ahead import read_ahead
 from omm_recording.reading import RecordedMessage, Recording
 from omm_recording.rosbag2_format import TopicQos, parsed_qos
 from omm_ros import node_help
@@ -29,7 +28,6 @@ from omm_ros.published import CountingNode
 
 CLOCK_PERIOD_S = 0.025
 KEY_PERIOD_S = 0.02
-AHEAD = 32
 SETTLED_S = 1.0
 _NEEDED = ("/image_raw", "/spindle_pose")
 # What the live nodes publish themselves.
@@ -105,7 +103,9 @@ class ReplayNode(CountingNode):
         start_ns = self.first_ns + int(self.parameters.start_s * 1e9)
         clock = PlaybackClock(start_ns, rate=self.parameters.rate, paused=self.parameters.pause)
         self._clock_ns = 0
-        for message in _ahead(self.recording.messages(self.topics, start_ns=start_ns), self._ended):
+        for message in read_ahead(
+            self.recording.messages(self.topics, start_ns=start_ns), self._ended
+        ):
             if not self._wait_for(message, clock, keys):
                 return
             self._tell_time(max(message.log_time_ns, self._clock_ns))
@@ -237,49 +237,6 @@ def _press(key: str | None, clock: PlaybackClock) -> None:
     }
     if key in actions:
         actions[key]()
-
-
-def _ahead(
-    messages: Iterator[RecordedMessage], ended: threading.Event
-) -> Iterator[RecordedMessage]:
-    """Read in a thread of its own, a little ahead, so that unpacking does not delay publishing."""
-    waiting: queue.Queue[RecordedMessage | BaseException | None] = queue.Queue(AHEAD)
-    left = threading.Event()
-
-    def put(item: RecordedMessage | BaseException | None) -> bool:
-        while not (left.is_set() or ended.is_set()):
-            try:
-                waiting.put(item, timeout=0.1)
-                return True
-            except queue.Full:
-                continue
-        return False
-
-    def read() -> None:
-        try:
-            for message in messages:
-                if not put(message):
-                    return
-            put(None)
-        except Exception as error:  # raised by who waits for the next message
-            put(error)
-
-    thread = threading.Thread(target=read, name="reading ahead")
-    thread.start()
-    try:
-        while not ended.is_set():
-            try:
-                item = waiting.get(timeout=0.1)
-            except queue.Empty:
-                continue
-            if item is None:
-                return
-            if isinstance(item, BaseException):
-                raise item
-            yield item
-    finally:
-        left.set()
-        thread.join()
 
 
 def replay(overrides: list[Parameter] | None = None, arguments: list[str] | None = None) -> int:

@@ -12,7 +12,7 @@ from omm_recorder.playback import PlaybackClock
 
 pytest.importorskip("rclpy", reason="ROS 2 is not there")
 
-from omm_recorder.replay import _ahead
+from omm_recorder.reading_ahead import read_ahead
 
 S = 1_000_000_000
 
@@ -112,7 +112,7 @@ def test_a_defect_while_reading_ahead_ends_the_replay_instead_of_keeping_it_wait
         yield "first"
         raise KeyError("a defect")
 
-    taken = _ahead(messages(), threading.Event())  # type: ignore[arg-type]
+    taken = read_ahead(messages(), threading.Event())  # type: ignore[arg-type]
     assert next(taken) == "first"
     with pytest.raises(KeyError, match="a defect"):
         next(taken)

@@ -11,7 +11,6 @@ the same answers, in real time in a node or as fast as the computer goes in a te
 """
 
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,61 +18,12 @@ from numpy.typing import NDArray
 from omm_core.geometry import RigidTransform
 from omm_core.machine_errors import draw_stop_noise, lost_motion, spindle_drift
 from omm_simulation.cell import Cell, random_stream
+from omm_simulation.control_state import ControlState, ProgramState
 from omm_simulation.motion import Follower, Profile, rest_to_rest
 from omm_simulation.program import AskForImage, Dwell, MoveTo, Step, measuring_program
 
 Floats = NDArray[np.float64]
 AXIS_NAMES = ("X", "Y", "Z")
-
-
-class ProgramState(Enum):
-    """What the program is doing."""
-
-    STOPPED = "stopped"
-    RUNNING = "running"
-    WAITING = "waiting"
-    """For an image to be acknowledged."""
-    FINISHED = "finished"
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ControlState:
-    """What the control says of itself at one time.
-
-    Attributes
-    ----------
-    stamp_ns : int
-        When this is true.
-    machine_T_spindle : RigidTransform
-        As the axes' scales see it.
-    axis_positions_mm, axis_commanded_mm : ndarray, shape (3,)
-        X, Y, Z: measured, and as commanded at that time.
-    in_position : bool
-        The command has reached its end; the machine may still be on its way.
-    program_state : ProgramState
-    program_line : int
-        Line number of the step that is carried out, 0 before the first.
-    program_text : str
-        That line.
-    measure_request : int
-        Number of the last image that was asked for; 0 before the first.
-    measure_acknowledged : int
-        Number of the last image that was acknowledged.
-    measure_requested : bool
-        The program waits for image `measure_request`.
-    """
-
-    stamp_ns: int
-    machine_T_spindle: RigidTransform
-    axis_positions_mm: Floats
-    axis_commanded_mm: Floats
-    in_position: bool
-    program_state: ProgramState
-    program_line: int
-    program_text: str
-    measure_request: int
-    measure_acknowledged: int
-    measure_requested: bool
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

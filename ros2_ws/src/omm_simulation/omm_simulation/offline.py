@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from omm_core.geometry import RigidTransform
 from omm_simulation.camera import SimulatedCamera
 from omm_simulation.cell import Cell
-from omm_simulation.control import ControlState, SimulatedControl
+from omm_simulation.control import SimulatedControl
+from omm_simulation.control_state import ControlState
 
 ARRIVED_MM = 0.001
 """|command − actual| below which the axes have arrived."""

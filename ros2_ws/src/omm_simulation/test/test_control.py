@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from omm_simulation.cell import draw
-from omm_simulation.control import ProgramState, SimulatedControl
+from omm_simulation.control import SimulatedControl
+from omm_simulation.control_state import ProgramState
 from omm_simulation.machine_errors import MachineErrors
 from omm_simulation.scenario import load_scenario
 

@@ -31,7 +31,7 @@ _Q_COS2, _Q_SIN2 = np.cos(2 * QUADRATURE_ANGLES), np.sin(2 * QUADRATURE_ANGLES)
 
 @_inlined
 def _polynomial(x, y, k1, k2, k3, p1, p2):
-    """Brown's polynomial and its derivative, see lens._polynomial."""
+    """Brown's polynomial and its derivative, see `distortion.brown_polynomial`."""
     r2 = x * x + y * y
     scale = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
     slope = 2.0 * (k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3))

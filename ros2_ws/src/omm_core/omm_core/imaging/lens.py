@@ -24,12 +24,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omm_core.errors import InputError
+from omm_core.imaging.distortion import brown_polynomial, inverse_2x2, inverted
 
 Array = NDArray[np.float64]
 AnyLens = TypeVar("AnyLens", bound="Lens")
-
-_NEWTON_STEPS = 30
-_NEWTON_TOLERANCE = 1e-14  # relative to the size of the image
 
 
 class LensNumbers(NamedTuple):
@@ -181,15 +179,15 @@ class BrownPhotogrammetric(Lens):
     def pixels_from_normalised(self, normalised: Array) -> tuple[Array, Array]:
         """Return pixels and derivative; Newton's method on the closed form of the inverse."""
         ideal = normalised * self.principal_distance_px
-        xy = _invert(self._ideal_from_measured, ideal, float(self.width_px))
+        xy = inverted(self._ideal_from_measured, ideal, float(self.width_px))
         _, d_ideal_d_measured = self._ideal_from_measured(xy)
-        jacobian = _inverse_2x2(d_ideal_d_measured) * self.principal_distance_px
+        jacobian = inverse_2x2(d_ideal_d_measured) * self.principal_distance_px
         return xy + self.principal_point_px, jacobian
 
     def _ideal_from_measured(self, xy: Array) -> tuple[Array, Array]:
         # p1 and p2 trade places between Brown's and OpenCV's order of the tangential terms.
         radial = (self.k1_px2, self.k2_px4, 0.0)
-        return _polynomial(xy, radial, along_x=self.p1_px, along_y=self.p2_px)
+        return brown_polynomial(xy, radial, along_x=self.p1_px, along_y=self.p2_px)
 
     def to_plumb_bob(self) -> tuple[PlumbBob, float]:
         """Return the nearest plumb_bob lens, and its largest error over the image in px.
@@ -257,7 +255,7 @@ class PlumbBob(Lens):
     def normalised_from_pixels(self, pixels: Array) -> Array:
         """Return (x/z, y/z); Newton's method, NaN where the model folds back."""
         distorted = (pixels - [self.cx_px, self.cy_px]) / [self.fx_px, self.fy_px]
-        return _invert(self._distorted_from_ideal, distorted, 1.0)
+        return inverted(self._distorted_from_ideal, distorted, 1.0)
 
     def pixels_from_normalised(self, normalised: Array) -> tuple[Array, Array]:
         """Return pixels and derivative; closed form, NaN where the model folds back."""
@@ -268,7 +266,7 @@ class PlumbBob(Lens):
         return np.where(unfolded[:, None], pixels, np.nan), focal[:, None] * jacobian
 
     def _distorted_from_ideal(self, xy: Array) -> tuple[Array, Array]:
-        return _polynomial(xy, (self.k1, self.k2, self.k3), along_x=self.p2, along_y=self.p1)
+        return brown_polynomial(xy, (self.k1, self.k2, self.k3), along_x=self.p2, along_y=self.p1)
 
     def _is_unfolded(self, xy: Array) -> NDArray[np.bool_]:
         """Tell where the radius still grows, that is below the first zero of d(r_d)/dr."""
@@ -331,60 +329,6 @@ def check_lens(lens: Lens) -> None:
 
 def _stepped(lens: AnyLens, name: str, amount: float) -> AnyLens:
     return replace(lens, **{name: getattr(lens, name) + amount})
-
-
-def _polynomial(
-    xy: Array, radial: tuple[float, float, float], *, along_x: float, along_y: float
-) -> tuple[Array, Array]:
-    """Return Brown's polynomial and its derivative, (N, 2) -> (N, 2), (N, 2, 2).
-
-    ``along_x`` multiplies ``(r² + 2x², 2xy)``, ``along_y`` multiplies ``(2xy, r² + 2y²)``.
-    """
-    x, y = xy[:, 0], xy[:, 1]
-    k1, k2, k3 = radial
-    r2 = x * x + y * y
-    scale = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    slope = 2.0 * (k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3))  # d(scale)/dx = slope x
-    value = np.empty_like(xy)
-    value[:, 0] = x * scale + along_x * (r2 + 2 * x * x) + 2 * along_y * x * y
-    value[:, 1] = y * scale + along_y * (r2 + 2 * y * y) + 2 * along_x * x * y
-    jacobian = np.empty((len(xy), 2, 2))
-    jacobian[:, 0, 0] = scale + slope * x * x + 6 * along_x * x + 2 * along_y * y
-    jacobian[:, 1, 1] = scale + slope * y * y + 6 * along_y * y + 2 * along_x * x
-    jacobian[:, 0, 1] = slope * x * y + 2 * along_x * y + 2 * along_y * x
-    jacobian[:, 1, 0] = jacobian[:, 0, 1]
-    return value, jacobian
-
-
-def _invert(function, wanted: Array, size: float) -> Array:  # type: ignore[no-untyped-def]
-    """Return xy with ``function(xy) = wanted`` on the branch around the centre, else NaN.
-
-    Newton's steps are kept short, so that a point beyond the fold ends as NaN, not on the far
-    side of it.
-    """
-    xy = wanted.copy()
-    tolerance = _NEWTON_TOLERANCE * size
-    with np.errstate(all="ignore"):
-        for _ in range(_NEWTON_STEPS):
-            value, jacobian = function(xy)
-            step = np.einsum("nij,nj->ni", _inverse_2x2(jacobian), wanted - value)
-            longest = 0.25 * size + 0.5 * np.hypot(xy[:, 0], xy[:, 1])
-            length = np.hypot(step[:, 0], step[:, 1])
-            xy = xy + step * np.minimum(1.0, longest / np.maximum(length, 1e-300))[:, None]
-            if not np.any(length > tolerance):
-                break
-        value, jacobian = function(xy)
-        close = np.hypot(*(value - wanted).T) <= 1e-12 * (size + np.hypot(*wanted.T))
-        determinant = np.linalg.det(jacobian)
-        upright = (determinant > 0.0) & (np.trace(jacobian, axis1=1, axis2=2) > 0.0)
-    return np.where((close & upright)[:, None], xy, np.nan)
-
-
-def _inverse_2x2(matrices: Array) -> Array:
-    a, b = matrices[:, 0, 0], matrices[:, 0, 1]
-    c, d = matrices[:, 1, 0], matrices[:, 1, 1]
-    adjugate = np.stack([np.stack([d, -b], -1), np.stack([-c, a], -1)], axis=-2)
-    return np.asarray(adjugate / (a * d - b * c)[:, None, None])
 
 
 def _points(values: ArrayLike, size: int, name: str) -> Array:

@@ -12,6 +12,7 @@ import numpy as np
 from omm_camera_driver.driver import Camera, CameraSettings, DeviceLost, Frame
 from omm_camera_driver.drivers.gige import aravis, gvcp
 from omm_camera_driver.drivers.gige.camera_clock import CameraClock, ClockReading
+from omm_camera_driver.drivers.gige.finding import find, label_of
 from omm_camera_driver.drivers.gige.settings import GigeSettings
 from omm_camera_driver.pixels import mono_from_genicam
 from omm_core.errors import DeviceError, OmmError
@@ -79,7 +80,7 @@ class GigeDriver:
         found = find(self._options.device)
         if _held.setdefault(found.address, gvcp.HeldWatch()).is_held(found.address):
             raise DeviceError(
-                f"Expected {_name(found)} to be free, but another program holds it. Close that "
+                f"Expected {label_of(found)} to be free, but another program holds it. Close that "
                 "program; a camera that was not released is free again after a few seconds."
             )
         self._address = found.address
@@ -288,38 +289,3 @@ class GigeDriver:
         value = c_uint32()
         self._arv.device_read_register(self._device, address, byref(value))
         return value.value
-
-
-def find(device: str) -> gvcp.FoundCamera:
-    """Return the camera that is meant by a serial number, address, model, name, or nothing.
-
-    Raises
-    ------
-    DeviceError
-        There is none, or several, or its address cannot be reached from here.
-    """
-    direct = gvcp.ask(device) if device.count(".") == 3 else None
-    if direct is not None:
-        return direct
-    there = gvcp.discover(0.3)
-    meant = [c for c in there if not device or c.is_called(device)]
-    if not meant:
-        others = ", ".join(_name(c) for c in there) or "none"
-        called = f" called {device}" if device else ""
-        raise DeviceError(
-            f"Expected a GigE Vision camera{called}, found {others}. "
-            "Check cable, power and the camera's address (./omm cameras)."
-        )
-    if len(meant) > 1:
-        raise DeviceError(
-            f"Expected one camera, found {', '.join(_name(c) for c in meant)}. Name one by its "
-            "serial number in the parameter device."
-        )
-    reason = meant[0].why_unreachable()
-    if reason:
-        raise DeviceError(f"{_name(meant[0])} cannot be used: {reason}.")
-    return meant[0]
-
-
-def _name(camera: gvcp.FoundCamera) -> str:
-    return f"{camera.vendor} {camera.model} {camera.serial} at {camera.address}"

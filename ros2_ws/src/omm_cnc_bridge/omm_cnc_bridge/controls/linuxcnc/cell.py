@@ -20,7 +20,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from omm_cnc_bridge.controls.linuxcnc.control import LOCAL_READER, SimulatedLinuxCnc
+from omm_cnc_bridge.controls.linuxcnc.control import LOCAL_READER
+from omm_cnc_bridge.controls.linuxcnc.simulated import SimulatedLinuxCnc
 from omm_core.errors import DeviceError
 from omm_core.machine.kinematics import Kinematics
 

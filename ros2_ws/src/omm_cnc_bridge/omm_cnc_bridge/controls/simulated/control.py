@@ -15,7 +15,8 @@ from omm_core.geometry import RigidTransform
 from omm_core.machine.kinematics import Kinematics
 from omm_core.machine.urdf import Joint, Robot
 from omm_simulation.cell import Cell
-from omm_simulation.control import AXIS_NAMES, ControlState, SimulatedControl
+from omm_simulation.control import AXIS_NAMES, SimulatedControl
+from omm_simulation.control_state import ControlState
 from omm_simulation.scenario import Scenario
 
 OFFSETS = ("G54", "G55", "G56", "G57", "G58", "G59")
