@@ -21,7 +21,8 @@ from omm_camera_driver.drivers.choosing import DRIVERS
 from omm_camera_driver.drivers.simulated.true_pose_listener import TruePoseListener
 from omm_camera_driver.drivers.simulated.true_poses import TruePoses
 from omm_camera_driver.parameters import Parameters, camera_settings
-from omm_camera_driver.worker import CameraWorker, Status, WorkerState
+from omm_camera_driver.worker import CameraWorker
+from omm_camera_driver.worker_status import Status, WorkerState
 from omm_core.errors import DeviceError, InputError, OmmError
 from omm_core.words import Words, keyed, verbatim
 from omm_ros import qos, topics

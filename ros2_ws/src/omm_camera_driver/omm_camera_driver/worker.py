@@ -12,20 +12,18 @@ import threading
 import time
 import traceback
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
-from enum import Enum
-from typing import Any, Protocol
 
 from omm_camera_driver.driver import (
-    Camera,
     CameraDriver,
     CameraSettings,
     Frame,
     FrameLost,
     Trigger,
 )
+from omm_camera_driver.worker_status import Listener, Status, WorkerState, why_not
 from omm_core.errors import DeviceError, InputError, OmmError
 from omm_core.words import of_error
 
@@ -37,47 +35,6 @@ _RATE_WINDOW_S = 5.0
 # A camera that runs by itself and sends nothing for so long is not streaming, whatever it says.
 _SILENT_S = 3.0
 _LOST_NEWS_S = 10.0
-
-
-class WorkerState(str, Enum):
-    """What the connection is in."""
-
-    INACTIVE = "inactive"
-    ABSENT = "absent"
-    OPENING = "opening"
-    STREAMING = "streaming"
-    LOST = "lost"
-
-
-class Listener(Protocol):
-    """Who gets the frames and hears of what happens; called on the worker's thread."""
-
-    def on_frame(self, frame: Frame) -> None:
-        """Take an image."""
-
-    def on_connected(self, camera: Camera) -> None:
-        """Note that a camera was connected."""
-
-    def on_problem(self, problem: str) -> None:
-        """Note what keeps the camera from working."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Status:
-    """A snapshot for diagnostics."""
-
-    state: WorkerState = WorkerState.ABSENT
-    problem: str = ""
-    camera: Camera | None = None
-    published: int = 0
-    incomplete: int = 0
-    missing: int = 0
-    stale: int = 0
-    unanswered_triggers: int = 0
-    connections: int = 0
-    rate_hz: float = 0.0
-    stamp_uncertainty_ns: int = 0
-    health: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -146,7 +103,7 @@ class CameraWorker:
         request = _ImageRequest(asked_ns=time.time_ns(), deadline_s=now_s + self._trigger_timeout_s)
         status = self.status()
         if status.state is not WorkerState.STREAMING or self._stopping.is_set():
-            request.future.set_exception(DeviceError(_why_not(status)))
+            request.future.set_exception(DeviceError(why_not(status)))
             return request.future
         self._requests.append(request)
         self._wake.set()
@@ -243,7 +200,7 @@ class CameraWorker:
         state = WorkerState.LOST if was_connected else WorkerState.ABSENT
         news = problem != self._status.problem
         self._status = replace(self._status, state=state, problem=problem)
-        self._refuse_all(_why_not(self._status))
+        self._refuse_all(why_not(self._status))
         if news:
             self._listener.on_problem(problem)
         return news
@@ -417,11 +374,3 @@ _DEAD = "The camera's thread has ended."
 def _is_exposed_after(frame: Frame, asked_ns: int) -> bool:
     begin_ns = frame.exposure_mid_ns - frame.exposure_ns // 2
     return begin_ns + frame.stamp_uncertainty_ns >= asked_ns
-
-
-def _why_not(status: Status) -> str:
-    if status.state is WorkerState.INACTIVE:
-        return "The camera node is not active. Activate it first."
-    if status.problem:
-        return f"The camera is {status.state.value}: {status.problem}"
-    return f"The camera is {status.state.value}. Try again when it is streaming."

@@ -11,7 +11,8 @@ import pytest
 
 from omm_camera_driver.driver import CameraSettings, Trigger
 from omm_camera_driver.drivers.gige.driver import GigeDriver, GigeOptions
-from omm_camera_driver.worker import CameraWorker, WorkerState
+from omm_camera_driver.worker import CameraWorker
+from omm_camera_driver.worker_status import WorkerState
 from omm_core.errors import DeviceError
 
 sys.path.insert(0, str(Path(__file__).parent))

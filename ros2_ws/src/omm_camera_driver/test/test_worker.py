@@ -6,7 +6,8 @@ import time
 import pytest
 
 from omm_camera_driver.driver import Camera, CameraSettings, Frame, Trigger
-from omm_camera_driver.worker import CameraWorker, WorkerState
+from omm_camera_driver.worker import CameraWorker
+from omm_camera_driver.worker_status import WorkerState
 from omm_core.errors import DeviceError
 
 WAIT_S = 10.0

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Protocol, runtime_checkable
 
+from omm_cnc_bridge.clock import ControlClock
 from omm_core.geometry import RigidTransform
 
 
@@ -110,6 +111,24 @@ class Control(Protocol):
 
     def close(self) -> None:
         """Disconnect; the control goes on undisturbed. Never raises, may be called twice."""
+
+
+@runtime_checkable
+class KeepsTime(Protocol):
+    """A control that stamps its samples by a clock of its own."""
+
+    @property
+    def clock(self) -> ControlClock:
+        """How that clock relates to ours."""
+
+
+@runtime_checkable
+class SamplesAtIntervals(Protocol):
+    """A control whose server decides how often it gives a sample."""
+
+    @property
+    def revised_interval_s(self) -> float | None:
+        """The interval that it keeps; None while not connected."""
 
 
 @runtime_checkable

@@ -24,18 +24,19 @@ from omm_cnc_bridge.commands import Commands
 from omm_cnc_bridge.control import (
     Connection,
     ControlSample,
+    KeepsTime,
     KnowsTruth,
     ProgramState,
+    SamplesAtIntervals,
 )
 from omm_cnc_bridge.controls.choosing import make_control
-from omm_cnc_bridge.handshake import Acknowledge, Action, Handshake, HandshakeLimits, Trigger
-from omm_cnc_bridge.judgement import Judge, JudgedSample, Reported, SampleLimits
+from omm_cnc_bridge.handshake import Acknowledge, Action, Trigger
+from omm_cnc_bridge.judgement import JudgedSample
 from omm_cnc_bridge.leading import Leading
+from omm_cnc_bridge.making import make_handshake, make_judge
 from omm_cnc_bridge.parameters import Parameters
 from omm_cnc_bridge.refusal_log import RefusalLog
-from omm_cnc_bridge.standstill import StandStillLimits
 from omm_core.errors import DeviceError
-from omm_core.machine.kinematics import Kinematics
 from omm_core.words import NOTHING, Words, keyed, of_error, sentences
 from omm_ros import qos, topics
 from omm_ros.conversions import stamp_ns
@@ -62,9 +63,9 @@ class CncBridgeNode(CountingNode):
         super().__init__("cnc_bridge")
         self._p = p = declare(self, Parameters)
         self._control, machine = make_control(p)
-        self._judge = _make_judge(p, machine)
+        self._judge = make_judge(p, machine)
         self._leading = Leading(self, self._control, p, machine)
-        self._handshake = _make_handshake(p, self._leading)
+        self._handshake = make_handshake(p, self._leading)
         self._lock = threading.Lock()  # around the handshake
         self._connection, self._detail = Connection.DISCONNECTED, _NOT_YET
         self._judged: JudgedSample | None = None
@@ -280,7 +281,7 @@ class CncBridgeNode(CountingNode):
     def _lost(self, error: DeviceError) -> None:
         self._judge.forget()
         with self._lock:
-            self._handshake = _make_handshake(self._p, self._leading, self._handshake.acknowledged)
+            self._handshake = make_handshake(self._p, self._leading, self._handshake.acknowledged)
         self._set_connection(
             Connection.DISCONNECTED,
             keyed("said.trying_again", "{why} Trying again.", why=of_error(error)),
@@ -304,7 +305,9 @@ class CncBridgeNode(CountingNode):
         values = {"connection": self._connection.name, **self._clock_values()}
         if self._connection is not Connection.CONNECTED:
             return Health(level=ERROR, message=self._detail, values=values)
-        interval_s = getattr(self._control, "revised_interval_s", None) or 0.0
+        interval_s = 0.0
+        if isinstance(self._control, SamplesAtIntervals):
+            interval_s = self._control.revised_interval_s or 0.0
         if interval_s > self._p.gap_s / 1.5:
             message = keyed(
                 "said.slow_server",
@@ -315,7 +318,7 @@ class CncBridgeNode(CountingNode):
         return Health(level=OK, message=FINE, values=values)
 
     def _clock_values(self) -> dict[str, object]:
-        clock = getattr(self._control, "clock", None)
+        clock = self._control.clock if isinstance(self._control, KeepsTime) else None
         if clock is None or clock.relation is None:
             return {}
         return {
@@ -360,41 +363,6 @@ def _noteworthy(judged: JudgedSample) -> tuple[object, ...]:
     still = not judged.moving_reason
     refused = bool(judged.refused)
     return s.measure_request, still, s.program_state, s.mode, s.program, s.orientation, refused
-
-
-def _ns(seconds: float) -> int:
-    return round(seconds * 1e9)
-
-
-def _make_judge(p: Parameters, machine: Kinematics) -> Judge:
-    still = StandStillLimits(
-        tolerance_mm=p.tolerance_mm,
-        tolerance_rad=p.tolerance_rad,
-        dwell_ns=_ns(p.dwell_s),
-        gap_ns=_ns(p.gap_s),
-    )
-    limits = SampleLimits(
-        age_ns=_ns(p.max_age_s), stamp_uncertainty_ns=_ns(p.max_stamp_uncertainty_s)
-    )
-    return Judge(
-        machine,
-        still,
-        limits,
-        reported=Reported(p.reported),
-        tool_length_mm=p.tool_length_mm,
-    )
-
-
-def _make_handshake(p: Parameters, leading: Leading, acknowledged: int = 0) -> Handshake:
-    limits = HandshakeLimits(
-        trigger_timeout_ns=_ns(p.trigger_timeout_s),
-        attempts=p.trigger_attempts,
-        retry_ns=_ns(p.retry_s),
-        hold_ns=_ns(p.hold_after_image_s),
-    )
-    handshake = Handshake(limits, leading.is_ready)
-    handshake.acknowledged = acknowledged
-    return handshake
 
 
 def main(args: list[str] | None = None) -> int:

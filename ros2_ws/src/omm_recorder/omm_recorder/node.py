@@ -21,7 +21,8 @@ from omm_recorder.files import FileToRecord, file_to_record
 from omm_recorder.parameter_snapshot import ParameterSnapshot, as_table
 from omm_recorder.parameters import Parameters
 from omm_recorder.provenance import provenance
-from omm_recorder.recorder import STOPPED, Limits, Recorder
+from omm_recorder.recorder import STOPPED, Recorder
+from omm_recorder.recording_state import Limits
 from omm_recorder.topics import KNOWN, adapted
 from omm_recording.rosbag2_format import TopicQos
 from omm_recording.writing import RUN_NAME, RecordingOptions, RecordingWriter, TopicToRecord

@@ -10,13 +10,13 @@ import time
 import traceback
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 from omm_core.errors import OmmError
 from omm_core.words import NOTHING, Words, keyed, of_error, verbatim
 from omm_recorder.counting import TopicTally
+from omm_recorder.recording_state import Limits, RecordingState, available_memory
 from omm_recording.writing import RecordingWriter, TopicToRecord
 
 FLUSH_PERIOD_S = 0.25
@@ -25,38 +25,6 @@ WATCH_PERIOD_S = 1.0
 STOPPED = "stopped"
 
 Work = Callable[[RecordingWriter], None]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Limits:
-    """When to warn and when to stop."""
-
-    queue_bytes: int = 2 << 30
-    """What may wait for the disk; at most a quarter of the memory that is available."""
-    warn_left_s: float = 600.0
-    """Warn when the disk is full in less than this."""
-    stop_free_bytes: int = 64 << 20
-    """Stop, cleanly, when less than this is free."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class RecordingState:
-    """How the recording is doing."""
-
-    recording: bool
-    ended_because: str
-    """Empty while recording; ``stopped`` where it was told to."""
-    trouble: Words
-    """What is wrong, for people; empty when all is well."""
-    bytes_written: int
-    queue_bytes: int
-    free_bytes: int
-    left_s: float
-    """Until the disk is full at the present rate; infinite while nothing is written."""
-    bytes_per_s: float
-    received: int
-    lost: int
-    missing: int
 
 
 class Recorder:
@@ -83,7 +51,7 @@ class Recorder:
         self._queue: deque[tuple[int, Work]] = deque()
         self._queue_bytes = 0
         self._queue_peak_bytes = 0
-        self._queue_limit_bytes = min(limits.queue_bytes, _available_memory() // 4)
+        self._queue_limit_bytes = min(limits.queue_bytes, available_memory() // 4)
         self._stopping = False
         self._ended: str | None = None
         self._trouble = NOTHING
@@ -351,14 +319,6 @@ class Recorder:
         state = self.state()
         total = f"{state.lost} lost here and {state.missing} on the way so far"
         self._tell(f"Recording is incomplete: {text} ({total}).")
-
-
-def _available_memory() -> int:
-    """Return the bytes that programs can still get, as the kernel estimates."""
-    for line in Path("/proc/meminfo").read_text().splitlines():
-        if line.startswith("MemAvailable:"):
-            return int(line.split()[1]) << 10
-    return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2
 
 
 def _write(

@@ -11,7 +11,8 @@ import pytest
 
 from omm_core.errors import OmmError
 from omm_recorder.counting import TopicTally
-from omm_recorder.recorder import Limits, Recorder
+from omm_recorder.recorder import Recorder
+from omm_recorder.recording_state import Limits
 from omm_recording.inspecting import inspect
 from omm_recording.writing import RecordingOptions, RecordingWriter
 

@@ -15,7 +15,8 @@ import pytest
 from mcap.reader import make_reader
 
 from omm_core.errors import InputError, OmmError
-from omm_recorder.recorder import Limits, Recorder
+from omm_recorder.recorder import Recorder
+from omm_recorder.recording_state import Limits
 from omm_recording.inspecting import inspect
 from omm_recording.reading import Recording
 from omm_recording.repairing import repair, repaired_name
