@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from omm_core.errors import InputError
-from omm_core.files.outside import read_text
+from omm_core.files.csv_input import read_table
 from omm_core.files.survey import whole_number
 from omm_core.survey.acceptance import CalibratedLength, accept, as_json
 from omm_runs.survey_result import SurveyResult
@@ -66,24 +64,13 @@ def read_lengths(path: Path) -> list[CalibratedLength]:
     InputError
         Where it is missing or malformed.
     """
-    rows = csv.DictReader(io.StringIO(read_text(path, "file of lengths")), skipinitialspace=True)
-    rows.fieldnames = [name.strip() for name in rows.fieldnames or ()]
-    if not set(_COLUMNS) <= set(rows.fieldnames):
-        wanted = ",".join(_COLUMNS)
-        raise InputError(f"{path}: expected the columns {wanted}, got {rows.fieldnames}.")
     found = []
-    for row in rows:
-        where = f"{path}: line {rows.line_num}"
-        try:
-            first, second, length = (float(row[name]) for name in _COLUMNS)
-        except (TypeError, ValueError):
-            raise InputError(f"{where}: expected three numbers, got {row}.") from None
-        if not (np.isfinite(length) and length > 0.0):
-            raise InputError(f"{where}: expected a length above 0, got {length}.")
-        ends = (whole_number(first, where), whole_number(second, where))
+    for row in read_table(path, "file of lengths", _COLUMNS, each="length").rows:
+        first, second, length = row.numbers(_COLUMNS)
+        if not length > 0.0:
+            raise InputError(f"{row.where}: expected a length above 0, got {length}.")
+        ends = (whole_number(first, row.where), whole_number(second, row.where))
         if ends[0] == ends[1]:
-            raise InputError(f"{where}: expected two different ends, got {ends[0]} twice.")
-        found.append(CalibratedLength(ends=ends, length_mm=length))
-    if not found:
-        raise InputError(f"{path}: expected lengths, got no row.")
+            raise InputError(f"{row.where}: expected two different ends, got {ends[0]} twice.")
+        found.append(CalibratedLength(ends=ends, length_mm=float(length)))
     return found

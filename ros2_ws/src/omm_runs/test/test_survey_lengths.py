@@ -95,10 +95,10 @@ def test_a_limit_that_is_none_is_refused(found, tmp_path, limit):
     [
         ("1,1,100", "two different ends"),
         ("1,2,-5", "above 0"),
-        ("1,2,nan", "above 0"),
-        ("1,2", "three numbers"),
+        ("1,2,nan", "number for length_mm"),
+        ("1,2", "number for length_mm"),
         ("1.5,2,100", "numbers of coded targets"),
-        ("", "no row"),
+        ("", "a line for each length"),
     ],
 )
 def test_rows_that_are_no_length_are_refused(tmp_path, row, words):

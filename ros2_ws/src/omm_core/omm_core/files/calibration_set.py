@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import math
-from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -14,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.errors import InputError
+from omm_core.files.csv_input import read_table
 from omm_core.files.declared import (
     direction,
+    expect_once,
     file,
     integer,
     number,
@@ -23,13 +21,13 @@ from omm_core.files.declared import (
     read_section,
     text,
 )
-from omm_core.files.outside import read_text
 from omm_core.files.yaml_input import YamlSection, read_yaml
 
 Array = NDArray[np.float64]
 
-
 _ROOT = ("kind", "model")
+_PLACE = ("x_mm", "y_mm", "z_mm")
+_CENTRE = ("col_px", "row_px")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,32 +130,10 @@ def _cmm(path: Path, root: YamlSection) -> CmmSet:
 
 
 def _points(path: Path) -> tuple[tuple[str, ...], Array, Array | None]:
-    table = read_text(path, "table of points")
-    try:
-        rows = list(csv.DictReader(io.StringIO(table, newline="")))
-    except csv.Error as error:
-        raise InputError(f"The points {path} cannot be read: {error}.") from None
-    if not rows:
-        raise InputError(f"{path}: expected one line for each image, got none.")
-    wanted = ["image", "x_mm", "y_mm", "z_mm"]
-    missing = [name for name in wanted if name not in rows[0]]
-    if missing:
-        raise InputError(f"{path}: the column {missing[0]} is missing (expected {wanted}).")
-    measured = "col_px" in rows[0] and "row_px" in rows[0]
-    names = wanted[1:] + (["col_px", "row_px"] if measured else [])
-    numbers = np.array([[_number(path, i, row, n) for n in names] for i, row in enumerate(rows, 2)])
-    images = tuple(row["image"] for row in rows)
-    twice = sorted(name for name, number in Counter(images).items() if number > 1)
-    if twice:
-        raise InputError(f"{path}: expected each image once, got {twice[0]} more than once.")
-    return images, numbers[:, :3], numbers[:, 3:] if measured else None
-
-
-def _number(path: Path, line: int, row: dict[str, str], name: str) -> float:
-    try:
-        value = float(row[name])
-    except (TypeError, ValueError):
-        value = math.nan
-    if not math.isfinite(value):
-        raise InputError(f"{path}, line {line}: expected a number for {name}, got '{row[name]}'.")
-    return value
+    table = read_table(path, "table of points", ("image", *_PLACE), each="image")
+    images = tuple(row.text("image") for row in table.rows)
+    expect_once(images, str(path), "image")
+    places = np.array([row.numbers(_PLACE) for row in table.rows])
+    if not table.has(*_CENTRE):
+        return images, places, None
+    return images, places, np.array([row.numbers(_CENTRE) for row in table.rows])

@@ -9,7 +9,8 @@ A field's type says how its key is read::
 
     timing = read_section(Timing, root.section("timing"))
 
-A field with a default may be absent; a key that no field declares is refused. A text after the
+A field with a default may be absent; a key that no field declares is
+warned of, for files may say more than omm reads. A text after the
 reader is the key's name in the file where it is not the field's own.
 """
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.errors import InputError
+from omm_core.files.declared import expect_once
 from omm_core.files.json_input import read_json
 
 Array = NDArray[np.float64]
@@ -70,14 +70,9 @@ def load_points(path: Path) -> SurveyPoints:
         raise InputError(f"{path}: expected the points of a survey; {error}.") from None
     except KeyError as error:
         raise InputError(f"{path}: the key {error} is missing.") from None
-    names = [point.name for point in points]
-    twice = sorted(name for name, number in Counter(names).items() if number > 1)[:10]
-    if twice:
-        raise InputError(f"{path}: expected each name once, got {', '.join(twice)} more than once.")
-    ids = [point.id for point in points if point.id is not None]
-    again = sorted(i for i, number in Counter(ids).items() if number > 1)[:10]
-    if again:
-        raise InputError(f"{path}: expected each coded target once, got {again} more than once.")
+    expect_once([point.name for point in points], str(path), "name")
+    coded = [point.id for point in points if point.id is not None]
+    expect_once(coded, str(path), "coded target")
     told = root.get("full_covariance")
     full = None if told is None else _full(path, told, points)
     return SurveyPoints(

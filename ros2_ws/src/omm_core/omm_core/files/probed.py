@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_core.errors import InputError
-from omm_core.files.outside import read_text
+from omm_core.files.csv_input import Row, read_table
 
 Array = NDArray[np.float64]
 
@@ -54,23 +52,9 @@ def load_probed(path: Path, *, probed: bool = True) -> tuple[ProbedPoint, ...]:
     InputError
         Where the file cannot be read, lacks a column, or holds what is no number.
     """
-    text = read_text(path, "file of probed points")
-    try:
-        reader = csv.DictReader(io.StringIO(text, newline=""), skipinitialspace=True)
-        rows = list(reader)
-    except csv.Error as error:
-        raise InputError(f"The probed points {path} cannot be read: {error}.") from None
-    columns = reader.fieldnames or []
     wanted = ("name", *_PART, *(_MACHINE if probed else ()))
-    missing = [name for name in wanted if name not in columns]
-    if missing or not rows:
-        what = f"the column {missing[0]}" if missing else "a line for each touch"
-        raise InputError(f"{path}: expected {what} ({','.join(wanted)}[,sigma_mm]), found none.")
-    machine = all(name in columns for name in _MACHINE)
-    return tuple(
-        _point(row, f"{path}, line {number}", machine=machine and probed)
-        for number, row in enumerate(rows, start=2)
-    )
+    table = read_table(path, "file of probed points", wanted, each="touch")
+    return tuple(_point(row, machine=probed) for row in table.rows)
 
 
 def probed_csv(points: tuple[ProbedPoint, ...]) -> str:
@@ -85,30 +69,10 @@ def probed_csv(points: tuple[ProbedPoint, ...]) -> str:
     return text.getvalue()
 
 
-def _point(row: dict[str, str], where: str, *, machine: bool) -> ProbedPoint:
-    def numbers(names: tuple[str, ...]) -> Array:
-        return np.array([_number(row[name], where, name) for name in names])
-
-    sigma = None
-    if (row.get(_SIGMA) or "").strip():
-        sigma = _number(row[_SIGMA], where, _SIGMA)
-        if sigma < 0.0:
-            raise InputError(f"{where}: expected sigma_mm >= 0, got {sigma}.")
-    if not (row["name"] or "").strip():
-        raise InputError(f"{where}: expected a name, got none.")
+def _point(row: Row, *, machine: bool) -> ProbedPoint:
     return ProbedPoint(
-        name=row["name"].strip(),
-        part_mm=numbers(_PART),
-        machine_mm=numbers(_MACHINE) if machine else None,
-        sigma_mm=sigma,
+        name=row.text("name"),
+        part_mm=row.numbers(_PART),
+        machine_mm=row.numbers(_MACHINE) if machine else None,
+        sigma_mm=row.number(_SIGMA, least=0.0) if row.has(_SIGMA) else None,
     )
-
-
-def _number(word: str | None, where: str, name: str) -> float:
-    try:
-        value = float(word) if word is not None else math.nan
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise InputError(f"{where}: expected a number for {name}, got {word!r}.")
-    return value
