@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.errors import InputError
-from omm_core.files.foreign_calibration import ForeignCalibration
+from omm_core.files.foreign_formats import ForeignCalibration
 from omm_core.imaging.lens import PlumbBob, check_lens
 
 Array = NDArray[np.float64]

@@ -24,11 +24,11 @@ from omm_core.adjustment import (
     solve,
 )
 from omm_core.adjustment import test_observations as w_tests
+from omm_core.survey.bar_block import bar_block
 from omm_core.survey.camera_model import PARAMETERS, evaluate_rays, turn_and_shift
 from omm_core.survey.circles import circles_of, eccentricities
+from omm_core.survey.hopeless import HopelessError
 from omm_core.survey.network import (
-    BAD_SHARE,
-    CONTRADICTS,
     FEWEST_IN_PHOTO,
     FEWEST_RAYS,
     Network,
@@ -48,7 +48,6 @@ _ROBUST_ROUNDS, _ROBUST_STEPS = 25, 3
 _KNEE, _FALL = 3.0, 0.5  # sigmas where a weight begins to fall, in the end; how it gets there
 _FAR_PX = 60.0  # from where a ray should be, at the start
 _MOST_DOUBT, _FAR = 1e4, 10.0  # times the variance; times the knee: does not take part
-_FEWEST_GOOD = 3  # rays of a photograph, below which it is left out at once
 _BACK = 1.0  # of the rejection: what is better than that comes back, once
 ZOOM_SIGMA = 0.03  # of the focal length, a priori, where each photograph may have its own
 
@@ -83,52 +82,12 @@ def adjusted(
         fitting = Fitting(state, kept, there, middle_px, rejection, zooms=zooms)
         try:
             network = fitting.solved(stages)
-        except _HopelessError as hopeless:
+        except HopelessError as hopeless:
             points |= hopeless.points
             photos |= hopeless.photos
             state = hopeless.rest_of(state)
             continue
         return replace(network, left_out_photos=photos, left_out_points=points)
-
-
-class _HopelessError(Exception):
-    """Photographs and points of which nearly everything contradicts the others."""
-
-    def __init__(self, fitting: Fitting, values: Values, good: NDArray[np.bool_]) -> None:
-        super().__init__()
-        self.fitting, self.values = fitting, values
-        numbers = list(fitting.photos)
-        fit, of = (np.bincount(fitting.photo, weights=w) for w in (good, np.ones(len(good))))
-        bad = np.flatnonzero(fit < np.maximum(_FEWEST_GOOD, (1.0 - BAD_SHARE) * of))
-        bad = bad[np.argsort(fit[bad] / of[bad])][: 1 + len(numbers) // 10]  # the worst first
-        self.photos = {
-            numbers[row]: f"{int(of[row] - fit[row])} of its {int(of[row])} rays contradict the"
-            " others"
-            for row in bad
-        }
-        # What only such a photograph spoils is judged again without it.
-        self.points = {} if self.photos else _hopeless_points(fitting, good)
-
-    def __bool__(self) -> bool:
-        return bool(self.photos or self.points)
-
-    def rest_of(self, state: NetworkState) -> NetworkState:
-        """Return the state without them, as far as the adjustment came."""
-        values, fitting = self.values, self.fitting
-        photos = {n: values["photos"][row] for n, row in fitting.photos.items()}
-        points = {n: values["points"][row] for n, row in fitting.points.items()}
-        return replace(
-            state,
-            lens=values["lens"][0],
-            photos={n: pose for n, pose in photos.items() if n not in self.photos},
-            points={n: xyz for n, xyz in points.items() if n not in self.points},
-        )
-
-
-def _hopeless_points(fitting: Fitting, good: NDArray[np.bool_]) -> dict[int, str]:
-    numbers = list(fitting.points)
-    fit, of = (np.bincount(fitting.point, weights=w) for w in (good, np.ones(len(good))))
-    return {numbers[row]: CONTRADICTS for row in np.flatnonzero((fit < of) & (fit < FEWEST_RAYS))}
 
 
 def _tied(state: NetworkState, sightings: list[Sighting]) -> tuple[Sighting, ...]:
@@ -239,7 +198,7 @@ class Fitting:
         self.doubt[:] = 1.0
         self.used[:] = True
         good = t2 <= self.rejection * scale**2
-        hopeless = _HopelessError(self, values, good)
+        hopeless = HopelessError(self, values, good)
         if hopeless and last:
             raise hopeless
         self._leave_out(np.flatnonzero(~good), t2)
@@ -338,7 +297,7 @@ class Fitting:
         )  # fmt: skip
         blocks, datum = [rays], similarity_directions(values["points"])
         if self.bars:
-            blocks.append(_bar_block(self.bars, self.points))
+            blocks.append(bar_block(self.bars, self.points))
             datum = rigid_directions(values["points"])
         return Problem(
             groups=(
@@ -368,20 +327,3 @@ class Fitting:
         slopes = {name: grown[:, :, None] * slope for name, slope in slopes.items()}
         slopes["lens"][:, :, 1:3] = np.eye(2)
         return pixels, {**slopes, "zooms": (pixels - centre)[:, :, None]}
-
-
-def _bar_block(bars: list[Bar], points: dict[int, int]) -> Block:
-    first, second = (np.array([points[b.ends[i]] for b in bars]) for i in (0, 1))
-    return Block(
-        name="bars", observed=np.array([[b.length_mm] for b in bars]),
-        covariance=np.array([[[b.sigma_mm**2]] for b in bars]),
-        index={"points": first, "points:2": second},
-        evaluate=lambda v: _lengths(v["points"], first, second),
-    )  # fmt: skip
-
-
-def _lengths(points: Array, first: Index, second: Index) -> tuple[Array, dict[str, Array]]:
-    between = points[first] - points[second]
-    length = np.linalg.norm(between, axis=1, keepdims=True)
-    direction = (between / length)[:, None, :]
-    return length, {"points": direction, "points:2": -direction}

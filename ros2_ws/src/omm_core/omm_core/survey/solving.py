@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -10,13 +9,13 @@ from numpy.typing import NDArray
 
 from omm_core.errors import MeasurementError
 from omm_core.survey.bars import agreeing_bars
-from omm_core.survey.camera_model import project, undistorted
+from omm_core.survey.camera_model import project
+from omm_core.survey.coded_network import LOOSE, rays_by_photo, started
 from omm_core.survey.fitting import adjusted
 from omm_core.survey.matching import match_dots, placed
 from omm_core.survey.network import (
     REJECTION,
     Network,
-    NetworkState,
     stages_for,
     state_of,
 )
@@ -25,10 +24,7 @@ from omm_core.survey.recovering import recovered
 from omm_core.survey.sighting import CODED, PLAIN, Bar, Sighting, sighting_of_dot
 from omm_core.survey.start import (
     FITS_AT_FIRST_PX,
-    Rays,
-    intersect_points,
     resect_photos,
-    start_network,
 )
 from omm_core.survey.weeding import Misfits, misfits_of
 from omm_core.survey.zooming import zoomed_photos
@@ -39,17 +35,8 @@ Dots = dict[int, tuple[PlainDot, ...]]
 
 _CLAIM_PX = 1.5  # a dot so near to where a known target must be is that target
 _RING = 3.6  # times the radius of a coded dot: nothing within is a plain target
-_ANGLE_RAD = 0.02  # between rays, once the lens is known
 _WEEDINGS = 8
-_FOCAL_TRIED = (1.0, 0.8, 1.25, 0.65, 1.5)
-_GOOD_PX, _USABLE_PX = 0.3, 3.0  # rms of a start
 _FEWEST_ZOOMS = 6  # photographs whose focal lengths can be compared
-_TRIES = 3  # to place a photograph or a point
-_GOOD_SHARE = 0.5  # of the photographs
-_LOOSE = (
-    "The photographs do not hang together: expected each to show four targets or more that others"
-    " show from other sides, too. Take more, which overlap more."
-)
 _MARGIN = 0.3  # of the coded targets' box, on each side, where plain ones may be
 
 
@@ -79,11 +66,11 @@ def solve_network(
     """
     middle = (np.array(size_px) - 1.0) / 2.0
     declared = diameters_mm or {}
-    network = _started(sightings, bars, focal_length_px, middle, declared)
+    network = started(sightings, bars, focal_length_px, middle, declared)
     zoomed = _zoomed(network, sightings, declared)
     if zoomed:
         sightings = [s for s in sightings if s.photo not in zoomed]
-        network = _started(sightings, bars, float(network.lens[0]), middle, declared)
+        network = started(sightings, bars, float(network.lens[0]), middle, declared)
     # A bar's end that moved must not make the bars disagree.
     moved = misfits_of(network).points
     sightings = [s for s in sightings if s.point not in moved]
@@ -97,7 +84,7 @@ def solve_network(
             network, every = _with_more_photos(network, every, bars, dots, declared, zoomed)
         network = _weeded(network, every, bars, declared, Misfits(points=moved, photos=zoomed))
     except np.linalg.LinAlgError:
-        raise MeasurementError(_LOOSE) from None
+        raise MeasurementError(LOOSE) from None
     return replace(network, words=(*words, *network.words))
 
 
@@ -106,7 +93,10 @@ def _zoomed(
 ) -> dict[int, str]:
     """Return photographs with another focal length than most, and why that is thought."""
     state = replace(state_of(network, declared), noise=Noise())
-    rays, pixel = _rays(sightings, state.lens, network.middle_px), float(1.0 / state.lens[0])
+    rays, pixel = (
+        rays_by_photo(sightings, state.lens, network.middle_px),
+        float(1.0 / state.lens[0]),
+    )
     # Also those which one focal length for all has thrown out.
     resect_photos(rays, state.photos, state.points, pixel, FITS_AT_FIRST_PX)
     if len(state.photos) < _FEWEST_ZOOMS:
@@ -130,43 +120,6 @@ def _without(
     left = {n: xyz for n, xyz in state.points.items() if n not in points}
     stages = stages_for(len(state.photos))[-1:]
     return adjusted(replace(state, points=left), sightings, [], network.middle_px, stages)
-
-
-def _started(
-    sightings: list[Sighting],
-    bars: list[Bar],
-    focal_length_px: float,
-    middle: Array,
-    declared: dict[str, float],
-) -> Network:
-    """Return the network of coded targets, though the focal length be told quite wrong."""
-    if not sightings:
-        raise MeasurementError("Expected coded targets in the photographs; none was read.")
-    best: Network | None = None
-    reason: Exception | None = None
-    for factor in _FOCAL_TRIED:
-        try:
-            with np.errstate(all="ignore"):
-                found = _coded_network(sightings, bars, factor * focal_length_px, middle, declared)
-        except (MeasurementError, np.linalg.LinAlgError, ValueError) as error:
-            reason = reason or error
-            continue
-        if best is None or _worth(found) > _worth(best):
-            best = found
-        if found.rms_px < _GOOD_PX and len(found.photos) >= _GOOD_SHARE * len(
-            {s.photo for s in sightings}
-        ):
-            break
-    if best is not None and best.rms_px < _USABLE_PX:
-        return best
-    if best is None and isinstance(reason, MeasurementError):
-        raise reason
-    raise MeasurementError(_LOOSE)
-
-
-def _worth(network: Network) -> float:
-    """Return how good a start is: rays that fit, the more the better."""
-    return float(network.used.sum()) / (1.0 + network.rms_px)
 
 
 def _weeded(
@@ -197,85 +150,6 @@ def _weeded(
         if n > 0  # plain ones have no name beforehand
     }
     return replace(network, left_out_points=told, left_out_photos=out.photos)
-
-
-def _coded_network(
-    sightings: list[Sighting],
-    bars: list[Bar],
-    focal_length_px: float,
-    middle: Array,
-    declared: dict[str, float],
-) -> Network:
-    """Return the network of coded targets: a start, then photographs and points by turns.
-
-    No bar takes part: a wrong one would bend all rays. They only tell how large it is, about.
-    """
-    lens = np.r_[focal_length_px, np.zeros(9)]
-    photos, points = start_network(_rays(sightings, lens, middle), 1.0 / focal_length_px)
-    points = _seen_by(3, points, photos, sightings)
-    state = _scaled(
-        NetworkState(lens=lens, photos=photos, points=points, declared_mm=declared), bars
-    )
-    network = adjusted(state, sightings, [], middle, stages_for(len(photos)))
-    tries: Counter[tuple[str, int]] = Counter()
-    while True:
-        given_up = {what for what, count in tries.items() if count >= _TRIES}
-        state = _extended(_scaled(state_of(network, declared), bars), sightings, middle, given_up)
-        new = {("photo", n) for n in state.photos.keys() - network.photos.keys()}
-        new |= {("point", n) for n in state.points.keys() - network.points.keys()}
-        if not new:
-            break
-        tries.update(new)
-        network = adjusted(state, sightings, [], middle, stages_for(len(state.photos))[-1:])
-    return network
-
-
-def _extended(
-    state: NetworkState, sightings: list[Sighting], middle: Array, given_up: set[tuple[str, int]]
-) -> NetworkState:
-    """Return the state with more photographs or, where there are none, with more points."""
-    photos, points = dict(state.photos), dict(state.points)
-    rays, pixel = _rays(sightings, state.lens, middle), float(1.0 / state.lens[0])
-    wanted = {n: r for n, r in rays.items() if ("photo", n) not in given_up}
-    resect_photos(wanted, photos, points, pixel)
-    if len(photos) == len(state.photos):
-        intersect_points(rays, photos, points, pixel, _ANGLE_RAD)
-        new = {p: x for p, x in points.items() if p in state.points or ("point", p) not in given_up}
-        points = {**state.points, **_seen_by(2, new, photos, sightings)}
-    return replace(state, photos=photos, points=points)
-
-
-def _seen_by(
-    fewest: int, points: dict[int, Array], photos: dict[int, Array], sightings: list[Sighting]
-) -> dict[int, Array]:
-    counts: dict[int, int] = {}
-    for s in sightings:
-        counts[s.point] = counts.get(s.point, 0) + (s.photo in photos)
-    return {p: xyz for p, xyz in points.items() if counts[p] >= fewest}
-
-
-def _scaled(state: NetworkState, bars: list[Bar]) -> NetworkState:
-    """Return the state in mm, where a bar is seen."""
-    at = state.points
-    there = [b for b in bars if b.ends[0] in at and b.ends[1] in at]
-    if not there:
-        return state
-    spans = [np.linalg.norm(at[b.ends[0]] - at[b.ends[1]]) for b in there]
-    scale = float(np.median([b.length_mm / span for b, span in zip(there, spans, strict=True)]))
-    stretch = np.r_[1.0, 1.0, 1.0, scale, scale, scale]
-    return replace(
-        state,
-        photos={n: p * stretch for n, p in state.photos.items()},
-        points={n: p * scale for n, p in at.items()},
-    )
-
-
-def _rays(sightings: list[Sighting], lens: Array, middle: Array) -> Rays:
-    ideal = undistorted(lens, np.array([s.center_px for s in sightings]) - middle)
-    rays: Rays = {}
-    for sighting, ray in zip(sightings, ideal, strict=True):
-        rays.setdefault(sighting.photo, {})[sighting.point] = ray
-    return rays
 
 
 def _with_dots(

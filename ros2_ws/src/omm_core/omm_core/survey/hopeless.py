@@ -1,0 +1,62 @@
+"""What nearly all of its rays contradict: a photograph, or a point."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omm_core.survey.network import (
+    BAD_SHARE,
+    CONTRADICTS,
+    FEWEST_RAYS,
+    NetworkState,
+)
+
+if TYPE_CHECKING:
+    from omm_core.survey.fitting import Fitting
+
+Values = dict[str, NDArray[np.float64]]
+_FEWEST_GOOD = 3  # rays of a photograph, below which it is left out at once
+
+
+class HopelessError(Exception):
+    """Photographs and points of which nearly everything contradicts the others."""
+
+    def __init__(self, fitting: Fitting, values: Values, good: NDArray[np.bool_]) -> None:
+        super().__init__()
+        self.fitting, self.values = fitting, values
+        numbers = list(fitting.photos)
+        fit, of = (np.bincount(fitting.photo, weights=w) for w in (good, np.ones(len(good))))
+        bad = np.flatnonzero(fit < np.maximum(_FEWEST_GOOD, (1.0 - BAD_SHARE) * of))
+        bad = bad[np.argsort(fit[bad] / of[bad])][: 1 + len(numbers) // 10]  # the worst first
+        self.photos = {
+            numbers[row]: f"{int(of[row] - fit[row])} of its {int(of[row])} rays contradict the"
+            " others"
+            for row in bad
+        }
+        # What only such a photograph spoils is judged again without it.
+        self.points = {} if self.photos else _hopeless_points(fitting, good)
+
+    def __bool__(self) -> bool:
+        return bool(self.photos or self.points)
+
+    def rest_of(self, state: NetworkState) -> NetworkState:
+        """Return the state without them, as far as the adjustment came."""
+        values, fitting = self.values, self.fitting
+        photos = {n: values["photos"][row] for n, row in fitting.photos.items()}
+        points = {n: values["points"][row] for n, row in fitting.points.items()}
+        return replace(
+            state,
+            lens=values["lens"][0],
+            photos={n: pose for n, pose in photos.items() if n not in self.photos},
+            points={n: xyz for n, xyz in points.items() if n not in self.points},
+        )
+
+
+def _hopeless_points(fitting: Fitting, good: NDArray[np.bool_]) -> dict[int, str]:
+    numbers = list(fitting.points)
+    fit, of = (np.bincount(fitting.point, weights=w) for w in (good, np.ones(len(good))))
+    return {numbers[row]: CONTRADICTS for row in np.flatnonzero((fit < of) & (fit < FEWEST_RAYS))}
