@@ -65,7 +65,7 @@ OWN = {
     "omm_operator/ros_actions.py": "the report that it has just made",
     "omm_core/overstock/step_file.py": "after a limit of its size; what the reader has just made",
     "omm_recorder/definitions.py": "definitions that ROS has installed",
-    "omm_recorder/recorder.py": "/proc/meminfo",
+    "omm_recorder/recording_state.py": "/proc/meminfo",
     "omm_runs/solving.py": "compared with the file inside, after it was read",
     "omm_runs/calibrating.py": "the checksum of a set that was read",
     "omm_simulation/cell.py": "a part file that it has just written",

@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 from omm_cnc_bridge.controls.linuxcnc.cell import (
-    DemoLinuxCnc,
     LinuxCncCell,
     can_isolate,
     is_installed,
@@ -19,6 +18,7 @@ from omm_cnc_bridge.controls.linuxcnc.cell import (
     remove_stale_folders,
 )
 from omm_cnc_bridge.controls.linuxcnc.control import LinuxCncControl
+from omm_cnc_bridge.controls.linuxcnc.demo import DemoLinuxCnc
 from omm_core.errors import DeviceError
 from omm_core.machine.kinematics import Kinematics
 

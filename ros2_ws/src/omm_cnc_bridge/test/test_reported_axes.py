@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from omm_cnc_bridge.control import ControlSample
-from omm_cnc_bridge.controls.linuxcnc.control import joint_axes
+from omm_cnc_bridge.controls.linuxcnc.joint_axes import joint_axes
 from omm_cnc_bridge.judgement import Judge, SampleLimits
 from omm_cnc_bridge.standstill import StandStillLimits
 from omm_core.errors import DeviceError, InputError

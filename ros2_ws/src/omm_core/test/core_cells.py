@@ -12,7 +12,7 @@ from omm_core.files.part import Part, Target
 from omm_core.geometry import RigidTransform, spindle_T_taper
 from omm_core.imaging.calibration import CameraCalibration
 from omm_core.imaging.circle import CircleCentre, project_circles
-from omm_core.part_pose.problem import Observation
+from omm_core.part_pose.observation import Observation
 
 Array = NDArray[np.float64]
 

@@ -78,7 +78,7 @@ def _mtconnect(p: Parameters) -> Control:
 
 def _linuxcnc_cell(p: Parameters) -> tuple[Control, Kinematics]:
     """Make a real LinuxCNC with simulated drives, which runs the scenario's stops."""
-    from omm_cnc_bridge.controls.linuxcnc.cell import DemoLinuxCnc
+    from omm_cnc_bridge.controls.linuxcnc.demo import DemoLinuxCnc
     from omm_cnc_bridge.controls.simulated.control import machine_of
     from omm_core.planning.linuxcnc_program import linuxcnc_program
     from omm_core.planning.pattern import backing_off

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.overstock.face import Face
-from omm_core.overstock.placement import Placement
+from omm_core.overstock.placement_state import Placement
 
 Array = NDArray[np.float64]
 SYMMETRIC = 1e-4

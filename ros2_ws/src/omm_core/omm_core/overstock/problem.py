@@ -19,7 +19,8 @@ from omm_core.overstock.assignment import (
 from omm_core.overstock.face import Face
 from omm_core.overstock.face_groups import Groups
 from omm_core.overstock.fit_file import FitFile
-from omm_core.overstock.placement import Placement, place_by_least_squares, place_evenly
+from omm_core.overstock.placement import place_by_least_squares, place_evenly
+from omm_core.overstock.placement_state import Placement
 from omm_core.overstock.wish import Wish
 
 Array = NDArray[np.float64]

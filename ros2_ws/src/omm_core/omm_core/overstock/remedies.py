@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from omm_core.overstock.placement import PlacementState
+from omm_core.overstock.placement_state import PlacementState
 from omm_core.overstock.problem import Problem, Settled
 
 Array = NDArray[np.float64]

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from omm_core.files.points import SurveyPoint, SurveyPoints
-from omm_core.overstock.placement import Placement, place_evenly
+from omm_core.overstock.placement import place_evenly
+from omm_core.overstock.placement_state import Placement
 from omm_core.overstock.problem import Problem, Settled
 
 Array = NDArray[np.float64]

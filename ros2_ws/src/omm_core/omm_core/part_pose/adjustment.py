@@ -11,7 +11,8 @@ from omm_core.geometry import euler_xyz_rad_from_rotation
 from omm_core.part_pose.gauss_newton import gauss_newton
 from omm_core.part_pose.kernels import predict_all, rotate
 from omm_core.part_pose.model import State
-from omm_core.part_pose.problem import Problem, SolveOptions
+from omm_core.part_pose.observation import SolveOptions
+from omm_core.part_pose.problem import Problem
 from omm_core.part_pose.start import GAMMA_STEPS, Start, find_starts
 
 Array = NDArray[np.float64]

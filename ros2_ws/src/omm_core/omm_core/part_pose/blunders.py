@@ -29,6 +29,7 @@ from omm_core.part_pose.naming import (
     failed,
 )
 from omm_core.part_pose.noise_model import NoiseModel, noise_model
+from omm_core.part_pose.observation import SolveOptions
 from omm_core.part_pose.posterior import (
     Matrices,
     Posterior,
@@ -36,7 +37,7 @@ from omm_core.part_pose.posterior import (
     noise_matrices,
     posterior,
 )
-from omm_core.part_pose.problem import Problem, SolveOptions
+from omm_core.part_pose.problem import Problem
 from omm_core.part_pose.snooping import Hypothesis, lost, search
 from omm_core.part_pose.statistics import chi2_limit
 from omm_core.words import Words

@@ -10,7 +10,8 @@ import numpy as np
 
 from omm_core.part_pose.adjustment import Adjustment, adjust, refine
 from omm_core.part_pose.observability import ambiguous, not_determined, too_few
-from omm_core.part_pose.problem import Problem, SolveOptions
+from omm_core.part_pose.observation import SolveOptions
+from omm_core.part_pose.problem import Problem
 from omm_core.part_pose.statistics import Statistics, analyse, chi2_limit
 from omm_core.part_pose.uncertainty import Propagation, propagate
 from omm_core.words import Words, keyed

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.part_pose.grid_kernels import Machines
-from omm_core.part_pose.problem import SolveOptions
+from omm_core.part_pose.observation import SolveOptions
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from omm_core.part_pose.adjustment import MAX_ITERATIONS, TOLERANCE_SIGMA, Adjustment
 from omm_core.part_pose.gauss_newton import gauss_newton
 from omm_core.part_pose.model import Measured, State
-from omm_core.part_pose.problem import Problem, SolveOptions
+from omm_core.part_pose.observation import SolveOptions
+from omm_core.part_pose.problem import Problem
 
 Array = NDArray[np.float64]
 

@@ -31,7 +31,8 @@ from omm_core.numerics.linear_algebra import inverse
 from omm_core.part_pose.adjustment import Adjustment, predictions
 from omm_core.part_pose.kernels import predict_all
 from omm_core.part_pose.noise_kernels import smooth_covariance, split_rows
-from omm_core.part_pose.problem import Indices, Problem, SolveOptions
+from omm_core.part_pose.observation import SolveOptions
+from omm_core.part_pose.problem import Indices, Problem
 
 Array = NDArray[np.float64]
 

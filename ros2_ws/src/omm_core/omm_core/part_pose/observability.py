@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.part_pose.adjustment import Adjustment
-from omm_core.part_pose.problem import Problem, SolveOptions
+from omm_core.part_pose.observation import SolveOptions
+from omm_core.part_pose.problem import Problem
 from omm_core.words import Words, keyed, listed
 
 Array = NDArray[np.float64]

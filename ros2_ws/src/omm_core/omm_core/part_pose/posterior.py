@@ -12,7 +12,8 @@ from omm_core.part_pose.grid_kernels import Matrices, Weighed, weigh
 from omm_core.part_pose.machine_noise import NoiseGrid, noise_grid
 from omm_core.part_pose.mixture_kernels import half_widths, moments, normalise
 from omm_core.part_pose.noise_model import NoiseModel
-from omm_core.part_pose.problem import Problem, SolveOptions
+from omm_core.part_pose.observation import SolveOptions
+from omm_core.part_pose.problem import Problem
 
 Array = NDArray[np.float64]
 

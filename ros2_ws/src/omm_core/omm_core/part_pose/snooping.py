@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from omm_core.part_pose.fit import Fit, fit
 from omm_core.part_pose.naming import cannot_tell_which, describe
-from omm_core.part_pose.problem import Problem, SolveOptions
+from omm_core.part_pose.observation import SolveOptions
+from omm_core.part_pose.problem import Problem
 from omm_core.part_pose.statistics import chi2_limit
 from omm_core.words import Words
 

@@ -25,8 +25,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from omm_core.part_pose.observation import SolveOptions
 from omm_core.part_pose.posterior import Posterior
-from omm_core.part_pose.problem import SolveOptions
 from omm_core.part_pose.uncertainty import Propagation
 
 Array = NDArray[np.float64]

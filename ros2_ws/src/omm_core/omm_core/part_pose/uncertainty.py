@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from omm_core.numerics.linear_algebra import inverse
 from omm_core.part_pose.adjustment import Adjustment, moved, predictions
 from omm_core.part_pose.kernels import predict_all
-from omm_core.part_pose.problem import Problem, SolveOptions
+from omm_core.part_pose.observation import SolveOptions
+from omm_core.part_pose.problem import Problem
 
 Array = NDArray[np.float64]
 

@@ -18,16 +18,13 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any
 
 from omm_cnc_bridge.controls.linuxcnc.control import LOCAL_READER
-from omm_cnc_bridge.controls.linuxcnc.simulated import SimulatedLinuxCnc
 from omm_core.errors import DeviceError
-from omm_core.machine.kinematics import Kinematics
 
 START_TIMEOUT_S = 20.0
 _NOBODY = 65534
-_FOLDER_PREFIX = "omm_linuxcnc_"
+FOLDER_PREFIX = "omm_linuxcnc_"
 _NAMESPACES = ("--mount", "--ipc", "--net", "--pid")
 
 # Run by LinuxCNC's own Python in a child that never ends normally (see linuxcnc_reader.py).
@@ -250,41 +247,6 @@ class LinuxCncCell:
         raise DeviceError(f"LinuxCNC did not start; it says: {output[-1000:].strip()}")
 
 
-class DemoLinuxCnc(SimulatedLinuxCnc):
-    """A LinuxCNC that is started with the connection and ended with it, and its program."""
-
-    def __init__(self, configuration: str, program: str, machine: Kinematics, **more: Any) -> None:
-        super().__init__(machine, **more)
-        self._configuration, self._program = configuration, program
-        self._cell: LinuxCncCell | None = None
-
-    def connect(self) -> None:
-        """Start LinuxCNC with its simulated drives, and connect to it."""
-        self.close()
-        remove_stale_folders()
-        folder = Path(tempfile.mkdtemp(prefix=f"{_FOLDER_PREFIX}{os.getpid()}_"))
-        self._cell = LinuxCncCell(self._configuration, folder)
-        self._program_file = str(folder / "measure.ngc")
-        Path(self._program_file).write_text(self._program)
-        self._cell.start()
-        self._reader = self._cell.reader
-        super().connect()
-
-    @property
-    def folder(self) -> Path:
-        """Where this LinuxCNC lives while it is connected."""
-        assert self._cell is not None
-        return self._cell.folder
-
-    def close(self) -> None:
-        """Disconnect, and end the LinuxCNC that was started."""
-        super().close()
-        cell, self._cell = self._cell, None
-        if cell is not None:
-            cell.stop()
-            shutil.rmtree(cell.folder, ignore_errors=True)
-
-
 def pids_at(folder: Path, name: str) -> list[int]:
     """Return the processes, by name, of the LinuxCNC that lives in a folder."""
     home = f"HOME={folder}".encode()
@@ -302,8 +264,8 @@ def pids_at(folder: Path, name: str) -> list[int]:
 
 def remove_stale_folders() -> None:
     """Remove what demos left behind that were killed; their process is in the folder's name."""
-    for folder in Path(tempfile.gettempdir()).glob(f"{_FOLDER_PREFIX}[0-9]*_*"):
-        pid = folder.name.removeprefix(_FOLDER_PREFIX).split("_")[0]
+    for folder in Path(tempfile.gettempdir()).glob(f"{FOLDER_PREFIX}[0-9]*_*"):
+        pid = folder.name.removeprefix(FOLDER_PREFIX).split("_")[0]
         if not Path("/proc", pid).exists():
             shutil.rmtree(folder, ignore_errors=True)
 

@@ -23,6 +23,7 @@ from omm_cnc_bridge.control import (
     WorkOffset,
 )
 from omm_cnc_bridge.controls.linuxcnc import offsets
+from omm_cnc_bridge.controls.linuxcnc.joint_axes import joint_axes
 from omm_core.errors import DeviceError
 
 LOCAL_READER = (
@@ -310,41 +311,6 @@ class LinuxCncControl:
         homed = zip(self._names, self._status["homed"])
         lost = [name for name, is_homed in homed if not is_homed]
         return f"not referenced: {', '.join(lost)}" if lost else None
-
-
-def joint_axes(
-    given: Sequence[str], letters: str, joints: int
-) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Return the name of each joint's axis, and which of them are further drives of another.
-
-    A gantry has two joints of one letter (coordinates=XYYZ). The second becomes Y2 and follows Y,
-    whether the letters or the parameter linuxcnc_joints say so.
-
-    Raises
-    ------
-    DeviceError
-        Where there are not as many names as joints.
-    """
-    told = tuple(given or letters)
-    if len(told) != joints:
-        raise DeviceError(
-            f"Expected a name for each of {joints} joints, got {', '.join(told) or 'none'}. List "
-            f"{joints} axes in the parameter linuxcnc_joints, in the order of the joints; the "
-            "second drive of a gantry may bear its axis's name again: [X, Y, Y, Z]."
-        )
-    names: list[str] = []
-    for name in told:
-        count, numbered = 1, name
-        while numbered in names:
-            count += 1
-            numbered = f"{name}{count}"
-        names.append(numbered)
-    # Where names were given, the configuration still knows which joints are one axis.
-    by = tuple(letters) if given and len(set(told)) == joints == len(letters) else told
-    followers = {
-        names[i]: names[by.index(letter)] for i, letter in enumerate(by) if by.index(letter) < i
-    }
-    return tuple(names), followers
 
 
 def _program_state(status: dict[str, Any]) -> ProgramState:
