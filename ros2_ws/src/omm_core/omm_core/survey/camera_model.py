@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from omm_core.adjustment.problem import Values
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 # f in px; the principal point from the middle of the picture; K and P for normalised coordinates.
 PARAMETERS = (
@@ -16,7 +17,7 @@ PARAMETERS = (
 )  # fmt: skip
 
 
-def project(values: Values, photo: Array, point: Array, middle_px: Array) -> tuple[Array, Array]:
+def project(values: Values, photo: Index, point: Index, middle_px: Array) -> tuple[Array, Array]:
     """Return pixels (M, 2) and points in the camera (M, 3), of rays photo -> point."""
     rotations = Rotation.from_rotvec(values["photos"][:, :3]).as_matrix()
     offset = values["points"][point] - values["photos"][photo, 3:]

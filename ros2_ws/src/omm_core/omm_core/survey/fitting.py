@@ -48,6 +48,7 @@ _ROBUST_ROUNDS, _ROBUST_STEPS = 25, 3
 _KNEE, _FALL = 3.0, 0.5  # sigmas where a weight begins to fall, in the end; how it gets there
 _FAR_PX = 60.0  # from where a ray should be, at the start
 _MOST_DOUBT, _FAR = 1e4, 10.0  # times the variance; times the knee: does not take part
+_ANCHOR = 0.3  # of the network's size: sigma of a point's place while blunders are searched for
 _BACK = 1.0  # of the rejection: what is better than that comes back, once
 ZOOM_SIGMA = 0.03  # of the focal length, a priori, where each photograph may have its own
 
@@ -170,16 +171,20 @@ class Fitting:
 
     def _search(self, values: Values, stage: tuple[int, ...], *, last: bool) -> Values:
         """Find blunders by robust weights, where there are any; return where that ends."""
-        problem = self._problem(values, stage)
+        anchor = values["points"]  # so that blunders carry nothing away
+        problem = self._problem(values, stage, anchor)
         solution = solve(problem, undetermined=False)
         t2 = w_tests(problem, solution)["rays"].t2
         self.used[:] = True  # what only a held lens could not explain comes back
         if t2.max() <= self.rejection * max(float(np.median(t2)) / _MEDIAN, 1.0):
             return dict(solution.values)
-        values, knee = dict(solution.values), np.inf
+        rest = self.seen - self.shift - self._evaluated(values)[0]
+        if np.median(np.abs(solution.residuals["rays"])) < np.median(np.abs(rest)):
+            values, rest = dict(solution.values), solution.residuals["rays"]
+        # Else blunders bent what was known better before.
+        knee = np.inf
         inverse = np.linalg.inv(self.noise.covariance(self.detector, self.kinds))
         for _ in range(_ROBUST_ROUNDS):
-            rest = solution.residuals["rays"]
             t2 = np.einsum("mi,mij,mj->m", rest, inverse, rest)
             scale = float(np.sqrt(np.median(t2) / _MEDIAN))
             # From the largest residual down: at once, what one blunder bent would be doubted.
@@ -189,19 +194,16 @@ class Fitting:
             self.doubt = np.minimum((1.0 + t2 / knee**2) ** 2, _MOST_DOUBT)
             self.used[:] = True
             self._leave_out(np.flatnonzero(t2 > (_FAR * knee) ** 2), t2)
-            problem = self._problem(values, stage)
-            try:
-                solution = solve(problem, iterations=_ROBUST_STEPS, undetermined=False)
-            except np.linalg.LinAlgError:  # too little is believed to place all: judge by the last
-                break
-            values = dict(solution.values)
+            problem = self._problem(values, stage, anchor)
+            solution = solve(problem, iterations=_ROBUST_STEPS, undetermined=False)
+            values, rest = dict(solution.values), solution.residuals["rays"]
         self.doubt[:] = 1.0
         self.used[:] = True
-        good = t2 <= self.rejection * scale**2
-        hopeless = HopelessError(self, values, good)
+        limit = self.rejection * scale**2
+        hopeless = HopelessError(self, values, t2, limit)
         if hopeless and last:
             raise hopeless
-        self._leave_out(np.flatnonzero(~good), t2)
+        self._leave_out(np.flatnonzero(t2 > limit), t2)
         return values
 
     def _leave_out_far(self, values: Values) -> None:
@@ -282,7 +284,9 @@ class Fitting:
         of_photo = int(np.sum(self.used & (self.photo == self.photo[ray])))
         return of_point > FEWEST_RAYS and of_photo > FEWEST_IN_PHOTO
 
-    def _problem(self, values: Values, stage: tuple[int, ...]) -> Problem:
+    def _problem(
+        self, values: Values, stage: tuple[int, ...], anchor: Array | None = None
+    ) -> Problem:
         held = np.ones((1, len(PARAMETERS)), dtype=bool)
         held[0, list(stage)] = False
         rays = Block(
@@ -299,11 +303,14 @@ class Fitting:
         if self.bars:
             blocks.append(bar_block(self.bars, self.points))
             datum = rigid_directions(values["points"])
+        loose = None
+        if anchor is not None:
+            loose = np.full_like(anchor, _ANCHOR * float(np.ptp(anchor, axis=0).max()))
         return Problem(
             groups=(
                 Group(name="lens", values=values["lens"], held=held, names=PARAMETERS),
                 Group(name="photos", values=values["photos"], update=turn_and_shift),
-                Group(name="points", values=values["points"]),
+                Group(name="points", values=values["points"], observed=anchor, sigma=loose),
                 self._zoom_group(values),
             ),
             blocks=tuple(blocks),

@@ -18,15 +18,18 @@ from omm_core.survey.network import (
 if TYPE_CHECKING:
     from omm_core.survey.fitting import Fitting
 
-Values = dict[str, NDArray[np.float64]]
+Array = NDArray[np.float64]
+Values = dict[str, Array]
 _FEWEST_GOOD = 3  # rays of a photograph, below which it is left out at once
+_BENT = 0.1  # of the worst test: smaller ones may be due to the worst
 
 
 class HopelessError(Exception):
     """Photographs and points of which nearly everything contradicts the others."""
 
-    def __init__(self, fitting: Fitting, values: Values, good: NDArray[np.bool_]) -> None:
+    def __init__(self, fitting: Fitting, values: Values, t2: Array, limit: float) -> None:
         super().__init__()
+        good = t2 <= limit
         self.fitting, self.values = fitting, values
         numbers = list(fitting.photos)
         fit, of = (np.bincount(fitting.photo, weights=w) for w in (good, np.ones(len(good))))
@@ -38,7 +41,7 @@ class HopelessError(Exception):
             for row in bad
         }
         # What only such a photograph spoils is judged again without it.
-        self.points = {} if self.photos else _hopeless_points(fitting, good)
+        self.points = {} if self.photos else _hopeless_points(fitting, t2, good)
 
     def __bool__(self) -> bool:
         return bool(self.photos or self.points)
@@ -56,7 +59,11 @@ class HopelessError(Exception):
         )
 
 
-def _hopeless_points(fitting: Fitting, good: NDArray[np.bool_]) -> dict[int, str]:
+def _hopeless_points(fitting: Fitting, t2: Array, good: NDArray[np.bool_]) -> dict[int, str]:
+    """Return the points with no ray to spare that contradict themselves, but for what they bend."""
     numbers = list(fitting.points)
     fit, of = (np.bincount(fitting.point, weights=w) for w in (good, np.ones(len(good))))
-    return {numbers[row]: CONTRADICTS for row in np.flatnonzero((fit < of) & (fit < FEWEST_RAYS))}
+    worst = np.zeros(len(numbers))
+    np.maximum.at(worst, fitting.point, t2)
+    bad = np.flatnonzero((fit < of) & (fit < FEWEST_RAYS))
+    return {numbers[row]: CONTRADICTS for row in bad if worst[row] >= _BENT * worst[bad].max()}

@@ -9,6 +9,7 @@ of chance intersections finds no third ray any more.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ _NEAR_PX = 1.0  # of a place from two rays
 _FITS_PX = 0.35  # of a ray from the place of all
 _SIZES = 1.4  # ratio of two measures of a dot's diameter
 _ANGLES = (0.10, 2.2)  # rad between two rays
+_NARROW = 0.02  # rad: tells at least where to look
 _PARTNERS = 24  # photographs that each is paired with
 FEWEST = 3
 _SPREAD = 0.12  # rad: largest angle among the rays of a target, at least
@@ -72,14 +74,28 @@ class _Scene:
         self.size = np.array(
             [2.0 * np.sqrt(np.linalg.eigvalsh(dot.spread_px2)[1]) for dot in every]
         )
-        turns = np.array([p.turn for p in photos])
-        looks = np.einsum("mji,mj->mi", turns[self.photo], inside)
+        self.turns = np.array([p.turn for p in photos])
+        looks = np.einsum("mji,mj->mi", self.turns[self.photo], inside)
         self.looks = looks / np.linalg.norm(looks, axis=1, keepdims=True)
         self.places = np.array([p.place for p in photos])
         self.trees = [
             cKDTree(self.pixels[self.first[k] : self.first[k + 1]]) if n else None
             for k, n in enumerate(counts)
         ]
+
+    def dots_at(self, place: Array) -> Index:
+        """Return the dot of each photograph where a place would appear, -1 where there is none."""
+        inside = np.einsum("kij,kj->ki", self.turns, place - self.places)
+        before = inside[:, 2] > 0
+        pixels = lens_pixels(self.lens, inside[before]) + self.middle
+        found = np.full(len(self.photos), -1, dtype=np.intp)
+        for k, at in zip(np.flatnonzero(before), pixels, strict=True):
+            tree = self.trees[k]
+            if tree is not None:
+                apart, near = tree.query(at, distance_upper_bound=_NEAR_PX)
+                if np.isfinite(apart):
+                    found[k] = self.first[k] + near
+        return found
 
     def seen(self, k: int, points: Array) -> tuple[Array, Array]:
         """Return pixels (N, 2) of points in photograph k, and their depth."""
@@ -110,8 +126,9 @@ def match_dots(
     if sum(len(p.dots) > 0 for p in photos) < FEWEST:
         return []
     scene = _Scene(photos, lens, middle_px)
-    pairs, places = _hypotheses(scene, box_mm, diameter_mm)
-    support, _ = _support(scene, places, np.ones(len(scene.pixels), dtype=bool))
+    partners = _partners(scene, box_mm)
+    pairs, places = _hypotheses(scene, partners, box_mm, diameter_mm, _ANGLES[0])
+    support = _support(scene, places)
     free = np.ones(len(scene.pixels), dtype=bool)
     found = []
     for i in np.argsort(-support, kind="stable"):
@@ -135,6 +152,23 @@ def match_dots(
     return found
 
 
+def meetings(
+    photos: list[PlacedPhoto],
+    lens: Array,
+    middle_px: Array,
+    box_mm: Array,
+    diameter_mm: float | None,
+) -> Array:
+    """Return where two rays meet at any angle, (N, 3): targets, and much that is none.
+
+    Parameters are those of `match_dots`.
+    """
+    if sum(len(p.dots) > 0 for p in photos) < 2:
+        return np.empty((0, 3))
+    scene, pairs = _Scene(photos, lens, middle_px), list(combinations(range(len(photos)), 2))
+    return _hypotheses(scene, pairs, box_mm, diameter_mm, _NARROW)[1]
+
+
 def _partners(scene: _Scene, box_mm: Array) -> list[tuple[int, int]]:
     """Return pairs of photographs that look from different sides, not too different ones."""
     towards = box_mm.mean(axis=0) - scene.places
@@ -149,11 +183,15 @@ def _partners(scene: _Scene, box_mm: Array) -> list[tuple[int, int]]:
 
 
 def _hypotheses(
-    scene: _Scene, box_mm: Array, diameter_mm: float | None
+    scene: _Scene,
+    partners: list[tuple[int, int]],
+    box_mm: Array,
+    diameter_mm: float | None,
+    least_angle: float,
 ) -> tuple[NDArray[np.intp], Array]:
     """Return pairs of dots (N, 2) whose rays meet, and where, (N, 3)."""
     pairs, places = [np.empty((0, 2), dtype=np.intp)], [np.empty((0, 3))]
-    for a, b in _partners(scene, box_mm):
+    for a, b in partners:
         one = np.arange(scene.first[a], scene.first[a + 1])
         two = np.arange(scene.first[b], scene.first[b + 1])
         base = scene.places[b] - scene.places[a]
@@ -168,7 +206,7 @@ def _hypotheses(
         sizes = [
             scene.size[d] * depth / scene.focal for d, depth in ((one, depths[0]), (two, depths[1]))
         ]
-        good = (depths[0] > 0) & (depths[1] > 0) & (angle > _ANGLES[0]) & (angle < _ANGLES[1])
+        good = (depths[0] > 0) & (depths[1] > 0) & (angle > least_angle) & (angle < _ANGLES[1])
         good &= ((place > box_mm[0]) & (place < box_mm[1])).all(axis=1)
         good &= np.maximum(sizes[0], sizes[1]) < _SIZES * np.minimum(sizes[0], sizes[1])
         if diameter_mm is not None:
@@ -196,21 +234,15 @@ def _meeting(
     return place, (s, t), np.arccos(np.clip(cosine, -1.0, 1.0))
 
 
-def _support(
-    scene: _Scene, places: Array, free: NDArray[np.bool_]
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return in how many photographs a dot lies where each place would appear; and which."""
-    table = np.full((len(places), len(scene.photos)), -1, dtype=np.intp)
+def _support(scene: _Scene, places: Array) -> Index:
+    """Return in how many photographs a dot lies where each place would appear."""
+    support = np.zeros(len(places), dtype=np.intp)
     for k, tree in enumerate(scene.trees):
-        if tree is None or not len(places):
-            continue
-        pixels, depth = scene.seen(k, places)
-        apart, near = tree.query(pixels, distance_upper_bound=_NEAR_PX)
-        hit = np.isfinite(apart) & (depth > 0)
-        dots = scene.first[k] + near[hit]
-        rows = np.flatnonzero(hit)
-        table[rows[free[dots]], k] = dots[free[dots]]
-    return (table >= 0).sum(axis=1), table
+        if tree is not None and len(places):
+            pixels, depth = scene.seen(k, places)
+            apart, _ = tree.query(pixels, distance_upper_bound=_NEAR_PX)
+            support += np.isfinite(apart) & (depth > 0)
+    return support
 
 
 def _grown(
@@ -218,8 +250,9 @@ def _grown(
 ) -> tuple[Array, Index] | None:
     """Return the place from all rays that fit, and their dots; None where three do not."""
     for _ in range(3):
-        _, table = _support(scene, place[None], free)
-        dots = table[0][table[0] >= 0]
+        dots = scene.dots_at(place)
+        dots = dots[dots >= 0]
+        dots = dots[free[dots]]
         fitted = _place_of(scene, dots)
         if fitted is None:
             return None

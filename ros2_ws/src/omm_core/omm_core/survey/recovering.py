@@ -1,11 +1,14 @@
 """Photographs with too few coded targets to stand alone, placed with the help of plain ones.
 
 Three coded targets allow up to four poses (P3P); the right one is where most of the known points,
-plain ones among them, have a dot where they would appear.
+plain ones among them, have a dot where they would appear. Where plain targets are not yet known, as
+on a side that only such photographs and two others show, the places where two rays meet stand in
+for them: few of these are targets, but hardly any that is not has a dot where it would appear.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import combinations, islice
 
 import numpy as np
@@ -15,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from omm_core.survey.camera_model import lens_pixels, undistorted
 from omm_core.survey.network import Network
-from omm_core.survey.sighting import CODED, PLAIN, Sighting, sighting_of_dot
+from omm_core.survey.sighting import Sighting
 from omm_core.targets.plain import PlainDot
 
 Array = NDArray[np.float64]
@@ -27,37 +30,64 @@ _NEAR_PX, _FINE_PX = 4.0, 1.0
 _COSINE = 0.3  # of the angle between a point's normal and the look at it, at least
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Places:
+    """Where dots may be expected: numbers (n,), 0 for two rays that meet; places and normals."""
+
+    numbers: NDArray[np.intp]
+    xyz_mm: Array
+    normals: Array  # NaN where not known
+    lens: Array
+    middle_px: Array
+
+
 def recovered(
-    network: Network, sightings: list[Sighting], dots: dict[int, tuple[PlainDot, ...]]
-) -> tuple[dict[int, Array], list[Sighting]]:
-    """Return poses (6,) of photographs that are not yet placed, and what more they show."""
+    network: Network,
+    sightings: list[Sighting],
+    dots: dict[int, tuple[PlainDot, ...]],
+    meetings_mm: Array,
+) -> dict[int, Array]:
+    """Return poses (6,) of photographs that are not yet placed.
+
+    Parameters
+    ----------
+    meetings_mm : (N, 3) array
+        Where two rays to plain dots meet.
+    """
     poses: dict[int, Array] = {}
-    more: list[Sighting] = []
+    there = _places(network, meetings_mm)
     for photo, found in dots.items():
         coded = [s for s in sightings if s.photo == photo and s.point in network.points]
         if photo in network.photos or len(coded) < _FEWEST_CODED or not found:
             continue
-        placed = _placed(network, coded, found)
-        if placed is not None:
-            pose, hits = placed
+        pose = _pose_by_dots(network, there, coded, found)
+        if pose is not None:
             poses[photo] = pose
-            read = {s.point for s in coded}
-            more += [
-                sighting_of_dot(photo, point, found[dot], PLAIN if point < 0 else CODED)
-                for point, dot in hits.items()
-                if point not in read
-            ]
-    return poses, more
+    return poses
 
 
-def _placed(
-    network: Network, coded: list[Sighting], dots: tuple[PlainDot, ...]
-) -> tuple[Array, dict[int, int]] | None:
+def _places(network: Network, meetings_mm: Array) -> _Places:
+    numbers = list(network.points)
+    unknown = np.full(3, np.nan)
+    normals = [network.circles[n].normal if n in network.circles else unknown for n in numbers]
+    return _Places(
+        numbers=np.array([*numbers, *[0] * len(meetings_mm)], dtype=np.intp),
+        xyz_mm=np.vstack([network.solution.values["points"], meetings_mm]),
+        normals=np.vstack([*normals, np.full((len(meetings_mm), 3), np.nan)]),
+        lens=network.lens,
+        middle_px=network.middle_px,
+    )
+
+
+def _pose_by_dots(
+    network: Network, there: _Places, coded: list[Sighting], dots: tuple[PlainDot, ...]
+) -> Array | None:
     import cv2
 
     pixels = np.array([dot.center_px for dot in dots])
     tree = cKDTree(pixels)
-    ideal = undistorted(network.lens, np.array([s.center_px for s in coded]) - network.middle_px)
+    read = np.array([s.center_px for s in coded])
+    ideal = undistorted(network.lens, read - network.middle_px)
     places = np.array([network.xyz_mm(s.point) for s in coded])
     best: tuple[int, Array] | None = None
     for triple in islice(combinations(range(len(coded)), 3), _TRIPLES):
@@ -67,20 +97,21 @@ def _placed(
         )
         for turn, shift in zip(turns, shifts, strict=True):
             pose = _pose(turn, shift)
-            count = len(_hits(network, pose, tree, _NEAR_PX))
+            count = len(_hits(there, pose, tree, _NEAR_PX))
             if best is None or count > best[0]:
                 best = (count, pose)
     if best is None or best[0] < _FEWEST_HITS - _FEWEST_CODED:
         return None
     pose = best[1]
-    known = {s.point: s.center_px for s in coded}
     for near in (_NEAR_PX, 2 * _FINE_PX, _FINE_PX):
-        hits = _hits(network, pose, tree, near)
-        seen = {**{point: pixels[dot] for point, dot in hits.items()}, **known}
-        if len(seen) < _FEWEST_HITS:
+        hits = _hits(there, pose, tree, near)
+        # A coded target that lies elsewhere was read wrong, or moved.
+        fits = np.linalg.norm(_seen(there, places, pose)[0] - read, axis=1) < near
+        if len(hits) + fits.sum() < _FEWEST_HITS:
             return None
-        rays = undistorted(network.lens, np.array(list(seen.values())) - network.middle_px)
-        at = np.array([network.xyz_mm(point) for point in seen])
+        seen = np.vstack([pixels[list(hits.values())], read[fits]])
+        rays = undistorted(network.lens, seen - network.middle_px)
+        at = np.vstack([there.xyz_mm[list(hits)], places[fits]])
         turn = pose[:3].copy()
         shift = -Rotation.from_rotvec(turn).apply(pose[3:])
         turn, shift = cv2.solvePnPRefineLM(at, rays, np.eye(3), None, turn, shift)
@@ -88,7 +119,7 @@ def _placed(
     off = cv2.projectPoints(at, turn, shift, np.eye(3), None)[0][:, 0] - rays
     if float(np.median(np.abs(off))) * network.lens[0] > 0.5 * _FINE_PX:
         return None
-    return pose, _hits(network, pose, tree, _FINE_PX)
+    return pose
 
 
 def _pose(turn: Array, shift: Array) -> Array:
@@ -96,23 +127,26 @@ def _pose(turn: Array, shift: Array) -> Array:
     return np.r_[rotation.as_rotvec(), -rotation.inv().apply(np.asarray(shift).ravel())]
 
 
-def _hits(network: Network, pose: Array, tree: cKDTree, near_px: float) -> dict[int, int]:
-    """Return the dot of each known point that faces the camera and has one where it appears."""
-    numbers = list(network.points)
-    points = network.solution.values["points"]
+def _seen(there: _Places, points: Array, pose: Array) -> tuple[Array, Array]:
+    """Return where points appear, px, and their depth."""
     inside = Rotation.from_rotvec(pose[:3]).apply(points - pose[3:])
     depth = inside[:, 2]
     safe = np.where((depth > 0)[:, None], inside, [0.0, 0.0, 1.0])
-    pixels = lens_pixels(network.lens, safe) + network.middle_px
+    return lens_pixels(there.lens, safe) + there.middle_px, depth
+
+
+def _hits(there: _Places, pose: Array, tree: cKDTree, near_px: float) -> dict[int, int]:
+    """Return the dot of each place that faces the camera and has one where it appears.
+
+    Each dot stands for one place only: a known point before a meeting of two rays, the nearest.
+    """
+    pixels, depth = _seen(there, there.xyz_mm, pose)
     apart, which = tree.query(pixels, distance_upper_bound=near_px)
-    hits: dict[int, tuple[float, int]] = {}
-    for row in np.flatnonzero(np.isfinite(apart) & (depth > 0)):
-        number = numbers[row]
-        towards = pose[3:] - points[row]
-        circle = network.circles.get(number)
-        if circle is not None and circle.normal @ towards < _COSINE * np.linalg.norm(towards):
-            continue
+    towards = pose[3:] - there.xyz_mm
+    away = np.einsum("ni,ni->n", there.normals, towards) < _COSINE * np.linalg.norm(towards, axis=1)
+    hits: dict[int, tuple[bool, float, int]] = {}
+    for row in np.flatnonzero(np.isfinite(apart) & (depth > 0) & ~away):
+        worth = (bool(there.numbers[row] == 0), float(apart[row]), int(row))
         dot = int(which[row])
-        if dot not in hits or apart[row] < hits[dot][0]:
-            hits[dot] = (float(apart[row]), number)
-    return {number: dot for dot, (_, number) in hits.items()}
+        hits[dot] = min(worth, hits.get(dot, worth))
+    return {row: dot for dot, (_, _, row) in hits.items()}

@@ -23,8 +23,6 @@ _PAIRS_TRIED = 60
 _FIRST_ANGLE_RAD = 0.09
 FEWEST_RAYS = 3
 _MEETS_PX, _MOST_MEET = 40.0, 0.6  # rays to a point meet: how near, and how many of them
-FEWEST_RAYS = 3
-_MEETS_PX, _MOST_MEET = 40.0, 0.6  # rays to a point meet: how near, and how many of them
 FITS_AT_FIRST_PX, _FITS_PX = 15.0, 5.0  # of a ray from where its point would be
 
 
