@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -170,6 +171,36 @@ def predictions(problem: Problem, adjustment: Adjustment) -> tuple[Array, Array]
         adjustment.gamma_s_rad, pixels, jacobians,
     )  # fmt: skip
     return pixels, jacobians
+
+
+def whitening_of(problem: Problem) -> Array:
+    """Return Cᵀ of each observation's weights ``W = C Cᵀ``, (N, 2, 2)."""
+    information = problem.information
+    a = np.sqrt(information[:, 0])
+    b = information[:, 1] / a
+    c = np.sqrt(information[:, 2] - b * b)
+    zero = np.zeros_like(a)
+    return np.stack([np.stack([a, b], axis=1), np.stack([zero, c], axis=1)], axis=1)
+
+
+def by_calibration(
+    problem: Problem, adjustment: Adjustment, names: tuple[str, ...], steps: Iterable[Array]
+) -> Iterator[Array]:
+    """Yield by how much each step (P,) of the calibration's parameters moves the pixels, (N, 2).
+
+    By central differences: half of what it is from one step back to one step on.
+    """
+    calibration = problem.calibration
+    values = calibration.parameter_values(names)
+    for step in steps:
+        up, down = (
+            predictions(
+                problem.with_calibration(calibration.with_parameters(names, values + sign * step)),
+                adjustment,
+            )[0]
+            for sign in (1.0, -1.0)
+        )
+        yield (up - down) / 2.0
 
 
 def _same(one: Adjustment, other: Adjustment, tolerance_rad: float) -> bool:

@@ -28,8 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.numerics.linear_algebra import inverse
-from omm_core.part_pose.adjustment import Adjustment, predictions
-from omm_core.part_pose.kernels import predict_all
+from omm_core.part_pose.adjustment import Adjustment, by_calibration, predictions, whitening_of
 from omm_core.part_pose.noise_kernels import smooth_covariance, split_rows
 from omm_core.part_pose.observation import SolveOptions
 from omm_core.part_pose.problem import Indices, Problem
@@ -116,7 +115,7 @@ def noise_model(problem: Problem, adjustment: Adjustment, options: SolveOptions)
     """Return the linear problem about an optimum; raise ``LinAlgError`` where it has none."""
     u = options.unknowns
     pixels, J = predictions(problem, adjustment)
-    whitening = _whitening(problem.information)
+    whitening = whitening_of(problem)
     white = whitening @ J
     y = np.einsum("nij,nj->ni", whitening, problem.measured - pixels).ravel()
     split = _split(white[:, :, :u].reshape(-1, u))
@@ -185,15 +184,6 @@ def rigid_part(problem: Problem, adjustment: Adjustment, stop_of: Indices) -> Ar
     return rigid
 
 
-def _whitening(information: Array) -> Array:
-    """Return Cᵀ of ``W = C Cᵀ``, (N, 2, 2)."""
-    a = np.sqrt(information[:, 0])
-    b = information[:, 1] / a
-    c = np.sqrt(information[:, 2] - b * b)
-    zero = np.zeros_like(a)
-    return np.stack([np.stack([a, b], axis=1), np.stack([zero, c], axis=1)], axis=1)
-
-
 def _split(design: Array) -> Array:
     """Return (P, K) of a design (n, u), (n, n)."""
     split = np.empty((len(design), len(design)))
@@ -245,21 +235,9 @@ def calibration_effect(
     problem: Problem, adjustment: Adjustment, whitening: Array, steps: dict[str, float]
 ) -> Array:
     """Return what one step of each parameter of the camera does to whitened pixels, (2N, P)."""
-    calibration, names = problem.calibration, tuple(steps)
-    values, columns = calibration.parameter_values(names), []
-    for step in np.diag(list(steps.values())):
-        up, down = (
-            _pixels(problem, calibration.with_parameters(names, values + sign * step), adjustment)
-            for sign in (1.0, -1.0)
-        )
-        columns.append(np.einsum("nij,nj->ni", whitening, (up - down) / 2.0).ravel())
+    names = tuple(steps)
+    columns = [
+        np.einsum("nij,nj->ni", whitening, difference).ravel()
+        for difference in by_calibration(problem, adjustment, names, np.diag(list(steps.values())))
+    ]
     return np.stack(columns, axis=1)
-
-
-def _pixels(problem, calibration, adjustment) -> Array:  # type: ignore[no-untyped-def]
-    moved = problem.with_calibration(calibration)
-    pixels, unused = np.empty((len(problem), 2)), np.empty((len(problem), 2, 7))
-    predict_all(
-        moved.model(), adjustment.rotation, adjustment.d0_mm, adjustment.gamma_s_rad, pixels, unused
-    )
-    return pixels

@@ -21,8 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.numerics.linear_algebra import inverse
-from omm_core.part_pose.adjustment import Adjustment, moved, predictions
-from omm_core.part_pose.kernels import predict_all
+from omm_core.part_pose.adjustment import (
+    Adjustment,
+    by_calibration,
+    moved,
+    predictions,
+    whitening_of,
+)
 from omm_core.part_pose.observation import SolveOptions
 from omm_core.part_pose.problem import Problem
 
@@ -77,7 +82,7 @@ class Propagation:
 def propagate(problem: Problem, adjustment: Adjustment, options: SolveOptions) -> Propagation:
     """Return the solution with its covariance; raise ``LinAlgError`` where it has none."""
     u = options.unknowns
-    whitening = _whitening(problem.information)
+    whitening = whitening_of(problem)
     groups, B = _nuisance(problem, adjustment, options)
     z = np.zeros(B.shape[2])
     for _ in range(_STEPS):
@@ -109,15 +114,6 @@ def propagate(problem: Problem, adjustment: Adjustment, options: SolveOptions) -
         design=design,
         cofactor=cofactor,
     )
-
-
-def _whitening(information: Array) -> Array:
-    """Return Cᵀ of ``W = C Cᵀ``, (N, 2, 2)."""
-    a = np.sqrt(information[:, 0])
-    b = information[:, 1] / a
-    c = np.sqrt(information[:, 2] - b * b)
-    zero = np.zeros_like(a)
-    return np.stack([np.stack([a, b], axis=1), np.stack([zero, c], axis=1)], axis=1)
 
 
 def _invert(design: Array, u: int) -> tuple[Array, Array]:
@@ -173,7 +169,7 @@ def _by_calibration(problem: Problem, adjustment: Adjustment) -> Array:
     """Return d(pixel)/dz of the calibration, (N, 2, P), by central differences of one sigma."""
     calibration = problem.calibration
     names, covariance = calibration.parameters, calibration.covariance
-    values, sigma = calibration.parameter_values(names), np.sqrt(np.diag(covariance))
+    sigma = np.sqrt(np.diag(covariance))
     uncertain = sigma > 0.0
     correlation = covariance[np.ix_(uncertain, uncertain)] / np.outer(
         sigma[uncertain], sigma[uncertain]
@@ -181,22 +177,6 @@ def _by_calibration(problem: Problem, adjustment: Adjustment) -> Array:
     eigenvalues, vectors = np.linalg.eigh(correlation)
     factor = np.zeros((len(names), int(uncertain.sum())))
     factor[uncertain] = vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
-    columns = []
-    for index in np.flatnonzero(uncertain):
-        step = np.zeros(len(names))
-        step[index] = sigma[index]
-        up, down = (
-            _pixels(problem, calibration.with_parameters(names, values + sign * step), adjustment)
-            for sign in (1.0, -1.0)
-        )
-        columns.append((up - down) / 2.0)
+    steps = np.diag(sigma)[uncertain]
+    columns = list(by_calibration(problem, adjustment, names, steps))
     return np.asarray(np.stack(columns, axis=2) @ factor[uncertain])
-
-
-def _pixels(problem, calibration, adjustment) -> Array:  # type: ignore[no-untyped-def]
-    moved = problem.with_calibration(calibration)
-    pixels, unused = np.empty((len(problem), 2)), np.empty((len(problem), 2, 7))
-    predict_all(
-        moved.model(), adjustment.rotation, adjustment.d0_mm, adjustment.gamma_s_rad, pixels, unused
-    )
-    return pixels
