@@ -6,6 +6,8 @@ import re
 import numpy as np
 import pytest
 
+from omm_core.errors import InputError
+from omm_report.survey_pictures import write_pictures
 from omm_report.survey_report import survey_document
 from omm_report.survey_scene import survey_scene
 from omm_report.survey_text import survey_text
@@ -64,3 +66,16 @@ def test_the_text_tells_bars_and_findings():
     text = survey_text(result())
     assert "scale bar 1-3: 100.0020 mm, +0.0020" in text
     assert text.endswith("Only one scale bar.")
+
+
+def test_every_picture_is_written_and_none_of_what_was_not_measured(tmp_path):
+    measured = result()
+    del measured["acceptance"]
+    write_pictures(measured, tmp_path / "new")
+    names = {"network.png", "rays.png", "residuals.png", "residuals_by_photograph.png"}
+    assert {file.name for file in (tmp_path / "new").iterdir()} == names
+    write_pictures(result(), tmp_path / "new")
+    lengths = tmp_path / "new" / "lengths.png"
+    assert lengths.read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(InputError, match="folder"):
+        write_pictures(measured, lengths)

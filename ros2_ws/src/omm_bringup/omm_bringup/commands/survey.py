@@ -14,6 +14,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", metavar="POINTS.json", type=Path, help="write the coordinates")
     parser.add_argument("--json", metavar="OUT", type=Path, help="write the result as JSON")
     parser.add_argument("--report", metavar="PDF", type=Path, help="write a document")
+    parser.add_argument("--pictures", metavar="FOLDER", type=Path, help="write its pictures as PNG")
     parser.add_argument(
         "--lengths", metavar="CSV", type=Path,
         help="calibrated lengths to accept the survey by: first,second,length_mm",
@@ -59,6 +60,10 @@ def run(arguments: argparse.Namespace) -> int:
         from omm_report.survey_report import survey_document
 
         write_whole(arguments.report, survey_document(result, arguments.set.name))
+    if arguments.pictures is not None:
+        from omm_report.survey_pictures import write_pictures
+
+        write_pictures(result, arguments.pictures)
     if arguments.scene is not None:
         from omm_report.survey_scene import survey_scene
 

@@ -13,7 +13,7 @@ from omm_core.survey.coded_network import rays_by_photo
 from omm_core.survey.fitting import adjusted
 from omm_core.survey.matching import match_dots, meetings, placed
 from omm_core.survey.network import FEWEST_RAYS, Network, NetworkState, stages_for, state_of
-from omm_core.survey.recovering import recovered
+from omm_core.survey.recovering import placeable, recovered
 from omm_core.survey.sighting import CODED, PLAIN, Bar, Sighting, sighting_of_dot
 from omm_core.survey.start import intersect_points
 from omm_core.targets.plain import PlainDot
@@ -77,7 +77,7 @@ def with_more_photos(
 ) -> tuple[Network, list[Sighting]]:
     """Return the network with photographs that plain targets help to place."""
     for _ in range(_TRIES):
-        if found.dots.keys() <= network.photos.keys():
+        if not placeable(network, found.sightings, found.dots):
             break
         state = state_of(network, found.declared_mm)
         free = _claimed(state, found, network)[1]
@@ -97,7 +97,7 @@ def lost(network: Network, found: Found) -> bool:
     """Tell whether photographs are missing, or coded targets that three photographs show."""
     rays = Counter(s.point for s in found.sightings)
     points = {n for n, count in rays.items() if count >= FEWEST_RAYS} - network.points.keys()
-    return bool(points or found.dots.keys() - network.photos.keys())
+    return bool(points or placeable(network, found.sightings, found.dots))
 
 
 def with_lost(network: Network, found: Found) -> tuple[Network, list[Sighting]]:

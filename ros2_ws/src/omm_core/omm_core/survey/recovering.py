@@ -56,14 +56,22 @@ def recovered(
     """
     poses: dict[int, Array] = {}
     there = _places(network, meetings_mm)
-    for photo, found in dots.items():
-        coded = [s for s in sightings if s.photo == photo and s.point in network.points]
-        if photo in network.photos or len(coded) < _FEWEST_CODED or not found:
-            continue
-        pose = _pose_by_dots(network, there, coded, found)
+    for photo, coded in placeable(network, sightings, dots).items():
+        pose = _pose_by_dots(network, there, coded, dots[photo])
         if pose is not None:
             poses[photo] = pose
     return poses
+
+
+def placeable(
+    network: Network, sightings: list[Sighting], dots: dict[int, tuple[PlainDot, ...]]
+) -> dict[int, list[Sighting]]:
+    """Return the photographs that are not placed but show coded targets enough, and these."""
+    coded: dict[int, list[Sighting]] = {}
+    for s in sightings:
+        if s.photo not in network.photos and s.point in network.points and dots.get(s.photo):
+            coded.setdefault(s.photo, []).append(s)
+    return {photo: shown for photo, shown in coded.items() if len(shown) >= _FEWEST_CODED}
 
 
 def _places(network: Network, meetings_mm: Array) -> _Places:
