@@ -32,7 +32,7 @@ def check_choice(name: str, given: str, choices: Iterable[str]) -> None:
     Raises
     ------
     InputError
-        It is none.
+        It is not.
     """
     if given not in choices:
         there = ", ".join(choices)
@@ -45,7 +45,7 @@ def check_whole_number(name: str, given: str) -> int:
     Raises
     ------
     InputError
-        It is none, or negative.
+        It is not a whole number, or is negative.
     """
     if not (given.isascii() and given.isdigit()):
         raise InputError(f"Launch argument {name}: expected a whole number, got {given!r}.")

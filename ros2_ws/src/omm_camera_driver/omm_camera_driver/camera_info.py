@@ -75,7 +75,7 @@ def keep(url: str, message: CameraInfo) -> InfoSource:
     Raises
     ------
     InputError
-        It is no plumb_bob calibration, or the file cannot be written.
+        It is not a plumb_bob calibration, or the file cannot be written.
     """
     if message.distortion_model != "plumb_bob" or len(message.d) != 5:
         raise InputError(

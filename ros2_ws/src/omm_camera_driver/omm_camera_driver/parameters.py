@@ -76,7 +76,7 @@ class Parameters:
     )
     repeat: int = parameter(1, "simulated: number of the measurement in that clamping.", minimum=1)
     bumped_id: int = parameter(
-        -1, "simulated: a target that is not where the part file says; -1 is none.", minimum=-1
+        -1, "simulated: a target that is not where the part file says; -1: none.", minimum=-1
     )
     network: bool = network_parameter()
 

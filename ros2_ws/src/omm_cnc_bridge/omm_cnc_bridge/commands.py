@@ -119,7 +119,7 @@ class Commands:
             raise DeviceError(
                 keyed(
                     "said.no_offsets_told",
-                    "control {control} does not tell its offsets",
+                    "control {control} does not report its offsets",
                     control=self._p.control,
                 )
             )

@@ -132,7 +132,7 @@ def test_axes_are_found_from_the_tool_point(name, turns_with_part, x, y, z, firs
 def test_limits_are_told_with_axis_and_unit():
     told = machine("gantry_bc_head").out_of_limits({"X": 11000.5, "Y": 0, "Z": 0, "B": 2.0, "C": 0})
     assert len(told) == 2
-    assert "X = 11000.5000 mm is outside of -1000.0000 … 11000.0000" in told
+    assert "X = 11000.5000 mm is outside -1000.0000 … 11000.0000" in told
     assert told[1].startswith("B = 2.0000 rad")
 
 

@@ -219,7 +219,7 @@ def test_a_position_that_is_no_number_is_told_by_its_axis(
     agent.tell(xa=text)
     (*_, sample) = read(control, 10.0, lambda s: "X" in s.unusable)
     assert "X" not in sample.positions
-    assert "no number" in sample.unusable["X"]
+    assert "not a number" in sample.unusable["X"]
     agent.tell(xa=12.5, line="²")
     (*_, sample) = read(control, 10.0, lambda s: "X" in s.positions)
     assert sample.positions["X"] == 12.5

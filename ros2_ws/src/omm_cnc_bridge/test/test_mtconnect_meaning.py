@@ -173,7 +173,7 @@ def test_text_that_is_no_number_makes_the_axis_unusable_and_ends_nothing(text):
         while "X" not in (last := control.read(3.0)[-1]).positions:
             pass
         control.close()
-    assert "is no number" in first.unusable["X"]
+    assert "is not a number" in first.unusable["X"]
     assert first.positions["Y"] == -2.0
     assert (last.positions["X"], dict(last.unusable)) == (5.0, {})
 

@@ -72,8 +72,8 @@ def test_a_second_drive_that_the_control_tells_of_needs_no_machine_yaml(judge):
 @pytest.mark.parametrize("axis", ["Z", "A"])
 def test_an_unusable_axis_is_refused_with_its_reason(judge, axis):
     positions = {a: v for a, v in XYZ.items() if a != axis}
-    answer = judged(judge(), positions=positions, unusable={axis: "'1,5' is no number"})
-    assert f"axis {axis}: '1,5' is no number" in answer.refused
+    answer = judged(judge(), positions=positions, unusable={axis: "'1,5' is not a number"})
+    assert f"axis {axis}: '1,5' is not a number" in answer.refused
 
 
 @pytest.mark.parametrize(

@@ -211,5 +211,5 @@ def test_a_file_made_to_overwhelm_is_refused_in_few_words(tmp_path, text):
 
 def test_what_is_no_ordinary_file_is_not_read(tmp_path):
     os.mkfifo(tmp_path / "part.yaml")
-    with pytest.raises(InputError, match="no ordinary file"):
+    with pytest.raises(InputError, match="not an ordinary file"):
         load_part(tmp_path / "part.yaml")

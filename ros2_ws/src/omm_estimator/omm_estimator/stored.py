@@ -52,7 +52,7 @@ def load_result(path: str) -> StoredResult:
     Raises
     ------
     InputError
-        The file is none, or nothing was determined or converged in it.
+        The file holds no result, or one that is not determined or did not converge.
     """
     root = read_json(path, "result")
     content = root.get("result", root)  # demo --json has the truth beside it
@@ -106,7 +106,7 @@ def _newest(section: YamlSection) -> int:
         if image.get("used") is True
     ]
     if not stamps:
-        raise InputError(f"{section.where}: expected images that were used, there are none.")
+        raise InputError(f"{section.where}: expected images that were used, found none.")
     return max(stamps)
 
 

@@ -228,7 +228,7 @@ class Operation:
             raise Refused(
                 keyed(
                     "said.reads_other",
-                    "The control reads back something else than was written.",
+                    "The control reads back something other than what was written.",
                 )
             )
         return say("done.hand_over", offset=wanted.name)

@@ -21,7 +21,7 @@ from omm_operator.screen.facts import OffsetFact
 
 _BRIDGE = keyed("said.the_bridge", "the CNC bridge")
 _ESTIMATOR = keyed("said.the_estimator", "the estimator")
-_NO_WORD = keyed("said.report_no_word", "The report failed without a word.")
+_NO_WORD = keyed("said.report_no_word", "The report failed without saying why.")
 _ANSWER_S = 20.0
 _REPORT_S = 300.0
 

@@ -184,7 +184,7 @@ class ReplayNode(CountingNode):
             and (self.parameters.all_topics or not name.startswith(_OF_THE_NODES))
         )
         if not chosen:
-            raise InputError(f"Expected messages in {self.parameters.run}, there are none to play.")
+            raise InputError(f"Expected messages in {self.parameters.run}, found none to play.")
         return chosen
 
     def _publisher(self, name: str) -> Publisher:

@@ -27,7 +27,7 @@ CHUNK = struct.Struct("<QQQI")
 
 
 class CutShort(Exception):
-    """The file ends inside a record, or what follows is no record."""
+    """The file ends inside a record, or what follows is not a record."""
 
     def __init__(self, offset: int) -> None:
         super().__init__(f"cut short at byte {offset}")

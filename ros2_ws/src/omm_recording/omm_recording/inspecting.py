@@ -60,7 +60,7 @@ def inspect(run: Path) -> RunSummary:
     Raises
     ------
     InputError
-        If it is no recording, or one that was cut short.
+        If it is not a recording, or was cut short.
     """
     with Recording(run) as recording:
         metadata = recording.metadata()
@@ -98,7 +98,7 @@ def inspect(run: Path) -> RunSummary:
 
 
 def _tally(text: str) -> dict[str, Any]:
-    """Read what the recorder counted of a topic; what is no number is not it."""
+    """Read the recorder's counts of a topic; what is not a number is left out."""
     try:
         told = parse_json(text, "The recorder's count")
     except InputError as error:
@@ -106,7 +106,7 @@ def _tally(text: str) -> dict[str, Any]:
         return {}
     good = {k: v for k, v in told.items() if v is None or isinstance(v, int | float)}
     if len(good) < len(told):
-        warn("The recorder's counts hold something that is no number; it is left out.")
+        warn("The recorder's counts hold something that is not a number; it is left out.")
     return good
 
 

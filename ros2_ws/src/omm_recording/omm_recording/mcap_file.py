@@ -64,7 +64,7 @@ class McapFile:
     Raises
     ------
     InputError
-        If it is no MCAP file, or was cut short.
+        If it is not an MCAP file, or was cut short.
     """
 
     def __init__(self, path: Path, file: IO[bytes], *, compare: bool = True) -> None:

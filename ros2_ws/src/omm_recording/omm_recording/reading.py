@@ -63,7 +63,7 @@ class Recording:
     Raises
     ------
     InputError
-        If it is no recording, or one that was cut short.
+        If it is not a recording, or was cut short.
     """
 
     def __init__(self, run: Path) -> None:

@@ -139,7 +139,7 @@ def _sound_records(file: IO[bytes], size: int, recovered: Recovered) -> Iterator
                 yield tail
             else:
                 recovered.problems.append(
-                    f"cut short: the last {size - offset} bytes are no record"
+                    f"cut short: the last {size - offset} bytes are not a record"
                 )
             return
         recovered.problems.append(f"bytes {offset} to {found} are damaged")

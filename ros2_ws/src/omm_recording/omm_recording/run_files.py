@@ -181,7 +181,7 @@ def open_recording(path: Path) -> IO[bytes]:
     """
     try:
         if not path.is_file():  # a FIFO would wait for ever
-            raise InputError(f"Expected an MCAP file, got {path}, which is no ordinary file.")
+            raise InputError(f"Expected an MCAP file, got {path}, which is not an ordinary file.")
         file = path.open("rb")
         start = file.read(4)
         file.seek(0)

@@ -57,7 +57,7 @@ def verify(path: Path, trusted_key: str | None = None) -> Verdict:
     Raises
     ------
     InputError
-        If the file is no recording, or has no seal.
+        If the file is not a recording, or has no seal.
     """
     with path.open("rb") as file:
         recording = McapFile(path, file, compare=False)

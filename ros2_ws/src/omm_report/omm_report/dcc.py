@@ -1,6 +1,6 @@
 """Results in the structure of PTB's Digital Calibration Certificate (DCC 3.3), where it fits.
 
-It is no certificate, and a statement says so. Laboratory, customer, responsible persons and
+It is not a certificate, and a statement says so. Laboratory, customer, responsible persons and
 equipment come from report.yaml (`omm_report.about`); what that does not tell is left out, and the
 statement names what the schema wants and is missing. Values and U are in D-SI (si:real).
 """
@@ -19,7 +19,7 @@ VERSION = "3.3.0"
 _UNITS = {"mm": "\\milli\\metre", "mm/m": "\\radian"}
 _COVERAGE, _PROBABILITY = "2", "0.9545"
 _NO_CERTIFICATE = (
-    "This is no calibration certificate. The expanded uncertainty covers 95.45 % of errors,"
+    "This is not a calibration certificate. The expanded uncertainty covers 95.45 % of errors,"
     " whatever the distribution."
 )
 

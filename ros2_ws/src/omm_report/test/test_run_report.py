@@ -97,7 +97,7 @@ def test_the_xml_holds_every_value_with_its_uncertainty(
     both = [*map(float, solution.own.theta), *map(float, solution.absolute.theta)]
     assert values == [*both, *both]
     assert U[:7] == [float(u) for u in solution.expanded_uncertainty]
-    assert "no calibration certificate" in ElementTree.tostring(root, encoding="unicode")
+    assert "not a calibration certificate" in ElementTree.tostring(root, encoding="unicode")
 
 
 @pytest.mark.parametrize("language", ["de", "es", "eu"])

@@ -86,7 +86,7 @@ def published(node: Node) -> dict[str, int]:
 
 
 def parsed(values: Mapping[str, str]) -> dict[str, int]:
-    """Return the counts that a node told; what is no number is left out."""
+    """Return the counts that a node told; what is not a number is left out."""
     return {
         topic: int(text)
         for topic, text in values.items()

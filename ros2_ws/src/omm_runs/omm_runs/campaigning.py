@@ -1,4 +1,4 @@
-"""The runs of a campaign.yaml solved, all cores at it, and evaluated."""
+"""The runs of a campaign.yaml: solved on all cores, and evaluated."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def campaign_of(
     InputError
         Where a file cannot be used.
     MeasurementError
-        Where a run has no result: a campaign with a hole is none.
+        Where a run has no result: a campaign is not evaluated with a run missing.
     """
     file = load_campaign_file(path)
     solved = spread(_solved, _tasks(file), jobs=jobs, scheduler=scheduler, progress=progress)

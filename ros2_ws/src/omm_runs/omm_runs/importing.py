@@ -19,7 +19,7 @@ def import_calibration(path: Path) -> tuple[str, dict[str, Any], list[str]]:
     Raises
     ------
     InputError
-        If the file is no calibration that is known, or its lens cannot be.
+        If the file is not a known kind of calibration, or its lens cannot be converted.
     """
     foreign = read_foreign(path)
     try:

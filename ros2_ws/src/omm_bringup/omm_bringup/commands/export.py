@@ -50,7 +50,7 @@ def _marks(run: Path):  # type: ignore[no-untyped-def]
     try:
         result = solve_run(run).result
     except InputError as error:
-        warn(f"nothing is drawn in: {error}")
+        warn(f"no targets are drawn: {error}")
         return {}
     marks: dict[int, list[Mark]] = {}
     for o in result.observations:

@@ -59,8 +59,8 @@ def siemens(pose: RigidTransform, place_mm: Array, name: str, number: int) -> Co
         raise MeasurementError(
             keyed(
                 "said.crot",
-                "Expected a turn about Y of less than 90 degrees, got {angle}: CROT cannot say it"
-                " without doubt. Turn the part, or the frame it is described in.",
+                "Expected a turn about Y of less than 90 degrees, got {angle}: CROT cannot express"
+                " it unambiguously. Turn the part, or the frame it is described in.",
                 angle=f"{turn[1]:.6f}",
             )
         )

@@ -127,17 +127,18 @@ def _refusal(pose: RigidTransform, control: str, error_mm: float, remaining_mm: 
     if control != "linuxcnc":
         return keyed(
             "said.rounding_refused",
-            "{control} cannot say this pose: a corner of the part's box would be off by {mm} mm,"
-            " allowed are {allowed} mm (what rounding leaves). Nothing is written. Align the part,"
+            "{control} cannot express this pose: a corner of the part's box would be off by {mm}"
+            " mm; {allowed} mm is allowed (what rounding leaves). Nothing is written. Align the"
+            " part,"
             " or allow more with --remaining.",
             control=control, mm=f"{error_mm:.4f}", allowed=f"{remaining_mm:g}",
         )  # fmt: skip
     x, y = _tilts(pose)
     return keyed(
         "said.tilt_refused",
-        "linuxcnc cannot say this pose: a corner of the part's box would be off by {mm} mm, allowed"
-        " are {allowed} mm (tilt that remains: {x} about X, {y} about Y, in mm/m). Nothing is"
-        " written. Align the part, or allow more with --remaining.",
+        "linuxcnc cannot express this pose: a corner of the part's box would be off by {mm} mm;"
+        " {allowed} mm is allowed (tilt that remains: {x} about X, {y} about Y, in mm/m). Nothing"
+        " is written. Align the part, or allow more with --remaining.",
         mm=f"{error_mm:.4f}", allowed=f"{remaining_mm:g}", x=x, y=y,
     )  # fmt: skip
 

@@ -22,7 +22,7 @@ from omm_core.words import keyed
 Array = NDArray[np.float64]
 Mode = Literal["exact", "tilt", "lift"]
 COVERAGE = 2.0
-"""U by standard deviation; of a pose that is no normal distribution, hand over U / 2 as that."""
+"""U by standard deviation; of a pose that is not normally distributed, hand over U / 2 as that."""
 MODES: tuple[Mode, ...] = ("exact", "tilt", "lift")
 
 

@@ -42,7 +42,8 @@ def decide(deviation: float, expanded_uncertainty: float, tolerance: float) -> D
     Raises
     ------
     InputError
-        Where tolerance or uncertainty is no size. A deviation that is not a number is not proven.
+        Where tolerance or uncertainty is negative or not a number. A deviation that is not a
+        number is not proven.
     """
     if not (tolerance > 0.0 and expanded_uncertainty >= 0.0):
         raise InputError(

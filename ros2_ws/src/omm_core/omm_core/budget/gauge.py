@@ -64,7 +64,7 @@ def type_1(
     Raises
     ------
     InputError
-        Where tolerance or standard deviation is no size.
+        Where tolerance or standard deviation is negative or not a number.
     """
     if not (tolerance > 0.0 and standard_deviation >= 0.0 and part > 0.0):
         raise InputError(

@@ -94,7 +94,7 @@ def _p_value(values: Array, index: NDArray[np.int64], counts: NDArray[np.int64])
 
 
 def words_of_patterns(patterns: tuple[Pattern, ...]) -> tuple[str, ...]:
-    """Return a finding for each pattern that is no chance."""
+    """Return a finding for each pattern that is not chance."""
     told = []
     for pattern in patterns:
         for kind, p_value in (("radial", pattern.radial_p), ("tangential", pattern.tangential_p)):

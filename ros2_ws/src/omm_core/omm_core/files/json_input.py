@@ -1,4 +1,4 @@
-"""JSON from outside: bounded; a key that stands twice, and numbers that are none, are refused."""
+"""JSON from outside: bounded; a key that stands twice, and NaN or infinity, are refused."""
 
 from __future__ import annotations
 

@@ -82,7 +82,7 @@ def _read(path: str | Path, what: str, largest: int) -> bytes:
         with os.fdopen(descriptor, "rb") as file:
             status = os.fstat(descriptor)
             if not stat.S_ISREG(status.st_mode):
-                raise InputError(f"Expected a {what} at {path}, but that is no ordinary file.")
+                raise InputError(f"Expected a {what} at {path}, but that is not an ordinary file.")
             # Files of /proc say 0 and go on; so what is read counts, not what is said.
             return file.read(largest + 1)
     except FileNotFoundError:

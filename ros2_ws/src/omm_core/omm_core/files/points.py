@@ -60,7 +60,7 @@ def load_points(path: Path) -> SurveyPoints:
     Raises
     ------
     InputError
-        Where the file is missing, malformed, or holds a number that is none.
+        Where the file is missing, malformed, or holds something that is not a finite number.
     """
     root = read_json(path, "points file")
     try:

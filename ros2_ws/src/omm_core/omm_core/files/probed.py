@@ -50,7 +50,7 @@ def load_probed(path: Path, *, probed: bool = True) -> tuple[ProbedPoint, ...]:
     Raises
     ------
     InputError
-        Where the file cannot be read, lacks a column, or holds what is no number.
+        Where the file cannot be read, lacks a column, or holds something that is not a number.
     """
     wanted = ("name", *_PART, *(_MACHINE if probed else ()))
     table = read_table(path, "file of probed points", wanted, each="touch")

@@ -98,7 +98,7 @@ def _apart(
     if leader not in positions:
         return keyed(
             "said.no_leader",
-            "axis {axis} follows {leader}, of which the control reports no position",
+            "axis {axis} follows {leader}, for which the control reports no position",
             axis=axis,
             leader=leader,
         )

@@ -128,7 +128,7 @@ class Kinematics:
         return tuple(
             keyed(
                 "said.out_of_limits",
-                "{axis} = {at} {unit} is outside of {low} … {high}",
+                "{axis} = {at} {unit} is outside {low} … {high}",
                 axis=a.name,
                 at=f"{axes[a.name]:.4f}",
                 unit=a.unit,

@@ -37,7 +37,7 @@ def faces_of_step(path: Path, root: Path | None) -> tuple[Face, ...]:
     Raises
     ------
     InputError
-        Where the file is no STEP, an assembly, or the reader cannot be installed.
+        Where the file is not STEP, is an assembly, or the reader cannot be installed.
     """
     words = _words(path)
     reader = step_reader(root)

@@ -25,7 +25,7 @@ def parse_changes(texts: list[str]) -> dict[str, float]:
     Raises
     ------
     InputError
-        Where a text is no name with a number.
+        Where a text is not a name with a number.
     """
     changes: dict[str, float] = {}
     for text in texts:

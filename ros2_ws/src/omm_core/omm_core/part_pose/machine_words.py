@@ -42,9 +42,9 @@ def remarks(
         told.append(
             keyed(
                 "said.own_coordinates",
-                "the pose is told in the machine's own coordinates; of the absolute one, errors of"
-                " the machine's geometry that are longer than the part are not seen (declare the"
-                " geometry in machine.yaml)",
+                "the pose is given in the machine's own coordinates; for the absolute pose, errors"
+                " of the machine's geometry that are longer than the part remain unseen (declare"
+                " the geometry in machine.yaml)",
             )
         )
     return (*told, *_most_helpful(shares, unknowns))
@@ -54,13 +54,13 @@ def _taken_as_exact(ids: list[int], *, everything: bool) -> Words:
     if everything:
         return keyed(
             "said.all_exact",
-            "the coordinates of all targets count as exact: the part file tells no sigma_xyz_mm of"
-            " them; if they err, U is too small",
+            "the coordinates of all targets count as exact: the part file gives no sigma_xyz_mm"
+            " for them; if they err, U is too small",
         )
     return keyed(
         "said.some_exact",
-        "the coordinates of targets {targets} count as exact: the part file tells no sigma_xyz_mm"
-        " of them; if they err, U is too small",
+        "the coordinates of targets {targets} count as exact: the part file gives no sigma_xyz_mm"
+        " for them; if they err, U is too small",
         targets=listed(ids),
     )
 

@@ -34,7 +34,7 @@ def linuxcnc_program(program: Program) -> str:
     Raises
     ------
     InputError
-        Where an axis has a name that is no word of G-code.
+        Where an axis has a name that is not a word of G-code.
     """
     names = list(program.stops[0].axes)
     bad = [name for name in names if len(name) != 1 or name not in _WORDS]

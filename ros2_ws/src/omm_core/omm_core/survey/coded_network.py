@@ -33,8 +33,8 @@ _GOOD_PX, _USABLE_PX = 0.3, 3.0  # rms of a start
 _TRIES = 3  # to place a photograph or a point
 _GOOD_SHARE = 0.5  # of the photographs
 LOOSE = (
-    "The photographs do not hang together: expected each to show four targets or more that others"
-    " show from other sides, too. Take more, which overlap more."
+    "The photographs are not connected: expected each to show four or more targets that others"
+    " also show, from other sides. Take more, with more overlap."
 )
 
 

@@ -56,7 +56,7 @@ def solve_network(
     Raises
     ------
     MeasurementError
-        Where photographs do not hang together, or no bar was measured.
+        Where photographs are not connected, or no bar was measured.
     """
     middle = (np.array(size_px) - 1.0) / 2.0
     declared = diameters_mm or {}

@@ -118,7 +118,7 @@ def typed_jacks(entries: object) -> tuple[Jack, ...]:
     Raises
     ------
     InputError
-        Where it is no such list, or a number is none or out of reach.
+        Where it is not such a list, or a value is not a number or out of reach.
     """
     if not isinstance(entries, list) or not 3 <= len(entries) <= 12:
         raise InputError(keyed("said.jack_count", "Expected 3 to 12 jacks."))

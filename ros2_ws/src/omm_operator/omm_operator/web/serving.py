@@ -55,7 +55,7 @@ def tls_context(certificate_file: str, key_file: str) -> ssl.SSLContext | None:
         raise InputError("Expected both tls_certificate_file and tls_key_file, got one of them.")
     for path in (certificate_file, key_file):
         if not Path(path).is_file():
-            raise InputError(f"Expected a PEM file at {path}, there is none.")
+            raise InputError(f"Expected a PEM file at {path}, found none.")
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     try:

@@ -38,7 +38,7 @@ class Parameters:
         -1, "Draws the clamping angle alone; -1 takes the seed.", minimum=-1
     )
     bumped_id: int = parameter(
-        -1, "A target that is not where the part file says; -1 is none.", minimum=-1
+        -1, "A target that is not where the part file says; -1: none.", minimum=-1
     )
 
 

@@ -72,7 +72,7 @@ class Controls:
         return int(videodev.call(self._fd, videodev.G_CTRL, control).value)
 
     def set(self, name: str, value: float) -> float:
-        """Set `exposure_us` or `gain`, after switching the automatic off."""
+        """Set `exposure_us` or `gain`, after switching automatic control off."""
         names, step = (_EXPOSURE, _EXPOSURE_STEP_US) if name == "exposure_us" else (_GAIN, 1.0)
         control = next((self.found[n] for n in names if n in self.found), None)
         if control is None:

@@ -84,7 +84,7 @@ def read(status: dict[str, Any], name: str, per_mm: float) -> WorkOffset:
         raise DeviceError(
             keyed(
                 "said.other_active",
-                "LinuxCNC tells an offset only while it is active: {other} is.",
+                "LinuxCNC reports an offset only while it is active: {other} is.",
                 other=other,
             )
         )

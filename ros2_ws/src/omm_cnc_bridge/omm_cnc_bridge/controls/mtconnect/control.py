@@ -205,7 +205,7 @@ class MtConnectControl:
         for item, text in self._texts_of(role):
             value = _number(text, item.scale)
             if value is None:
-                told = text if text == UNAVAILABLE else f"{text[:80]!r} is no number"
+                told = text if text == UNAVAILABLE else f"{text[:80]!r} is not a number"
                 unusable[item.axis] = told
             else:
                 values[item.axis] = value

@@ -52,7 +52,7 @@ class _Candidate:
 
 
 class Unfit(Exception):
-    """A data item is no position in machine coordinates; the text says why."""
+    """A data item is not a position in machine coordinates; the text says why."""
 
 
 def coordinate_systems(device: ET.Element) -> dict[str, str]:

@@ -128,7 +128,7 @@ def read_document(text: bytes) -> Document:
     Raises
     ------
     DeviceError
-        Where the agent reports an error, or what it sends is no document.
+        Where the agent reports an error, or what it sends is not a document.
     """
     root = _parse(text)
     header = next((e for e in root if tag(e) == "Header"), None)

@@ -22,7 +22,7 @@ def values_of(offset: WorkOffset, nodes: OffsetNodes) -> dict[str, float]:
     Raises
     ------
     DeviceError
-        Where a number is none, or a turn has no node.
+        Where a value is not a number, or a turn has no node.
     """
     numbers = (*offset.xyz_mm, *offset.euler_xyz_rad)
     if not all(math.isfinite(number) for number in numbers):

@@ -130,8 +130,7 @@ _DOUBTS = {
     ring_facts.UNCLEAR: keyed("said.ring_unclear", "a sector of the ring is neither set nor clear"),
     ring_facts.COVERED: keyed(
         "said.ring_covered",
-        "the ring does not look as its own bits let expect: something lies on it, or light falls on"
-        " it",
+        "the ring does not match its own bits: something lies on it, or light falls on it",
     ),
     ring_facts.FILLED: keyed("said.ring_filled", "something lies between dot and ring"),
     ring_facts.SHADED: keyed(

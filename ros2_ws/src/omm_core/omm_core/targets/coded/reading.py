@@ -63,7 +63,7 @@ def _set_bits(view, values, radii, bits, facts):
 
 @numba.njit(cache=True, error_model="numpy")
 def _set_errors(view, ring, phase, radii, bits, facts):
-    """Fill how far the profile is off what the bits let expect, and return it."""
+    """Fill how far the profile is from what the bits predict, and return it."""
     count = len(ring)
     error = expected_of(view, bits, facts[PHASE], radii, count)
     for i in range(count):
@@ -155,7 +155,7 @@ def read_ring(image, shape, lean, light, inner, outer, bits_count):
     bits : (n,) 0/1, clockwise from the phase.
     facts : (FACTS,) PHASE (rad), NaN where the image's border cuts the ring; MARGIN of the most
         doubtful sector; SECTOR_ERROR and PROFILE_RMS, the largest error of a sector's mean and the
-        RMS error of the profile against what the bits let expect; GAP, the largest deviation there;
+        RMS error of the profile against what the bits predict; GAP, the largest deviation there;
         BEFORE and BEYOND, shares of set samples that are still set before the ring and beyond it;
         LARGEST value of a sector; STANDS_OUT, by how much more than noise may do a clear sector
         stands out of its sides.

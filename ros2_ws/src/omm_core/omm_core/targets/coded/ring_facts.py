@@ -16,7 +16,7 @@ MAX_BESIDE = 0.35
 MIN_MARGIN = 0.15
 """A sector nearer to the threshold (of a contrast of 1) is doubtful."""
 MAX_SECTOR_ERROR = 0.28
-"""How far a sector may be off what dot, blur and bits let expect."""
+"""How far a sector may be from what dot, blur and bits predict."""
 MAX_PROFILE_RMS = 0.17
 """The same for the root mean square around the ring."""
 NONE, CUT, NO_RING, UNCLEAR, COVERED, FILLED, OTHER_WIDTH, SHADED, NO_DOT = range(9)

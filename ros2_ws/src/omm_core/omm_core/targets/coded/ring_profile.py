@@ -1,4 +1,4 @@
-"""Grey values around a dot as a profile, and the profile that a ring's bits let expect."""
+"""Grey values around a dot as a profile, and the profile that a ring's bits predict."""
 
 from __future__ import annotations
 

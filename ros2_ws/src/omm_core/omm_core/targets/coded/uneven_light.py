@@ -98,7 +98,7 @@ def light_around_ring(values, chosen, phase, dot, unit, light):
 
 @numba.njit(cache=True, error_model="numpy")
 def _of_the_dot(dot, unit):
-    """Mean logarithm and slope (3,) that the dot lets expect at the ring; NaN where it is dark."""
+    """Mean logarithm and slope (3,) that the dot predicts at the ring; NaN where it is dark."""
     count = len(dot)
     mean = np.zeros(3)
     for i in range(count):

@@ -133,7 +133,7 @@ def _components(
 
 
 def _ellipse(crop: NDArray[np.bool_]) -> Array | None:
-    """Return the ellipse (5,) with a component's moments, or None where it is none."""
+    """Return the ellipse (5,) with a component's moments, or None where it is not an ellipse."""
     rows, cols = np.nonzero(crop)
     area = len(rows)
     centre = np.array([cols.mean(), rows.mean()])
