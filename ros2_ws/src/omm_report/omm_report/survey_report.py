@@ -122,7 +122,8 @@ def residual_figure(result: dict[str, Any]) -> Figure:
     arrows = axes.quiver(
         *at.T, *residual.T, angles="xy", scale_units="xy", scale=scale, width=0.001
     )
-    axes.quiverkey(arrows, 0.85, 1.03, rms, f"{rms:.4f} px", labelpos="E")
+    axes.set_title("residuals, enlarged", fontsize=9)  # also makes room for the key beside it
+    axes.quiverkey(arrows, 0.8, 1.03, rms, f"{rms:.4f} px (rms)", labelpos="E")
     axes.invert_yaxis()
     axes.set_aspect("equal")
     axes.set_xlabel("col, px")
@@ -147,7 +148,7 @@ def per_photo_figure(result: dict[str, Any]) -> Figure:
     axes.set_title("residuals by photograph (number of rays above)", fontsize=8)
     for i, name in enumerate(names):
         axes.text(i, rms[i], str(len(squares[name])), ha="center", va="bottom", fontsize=5)
-    axes.set_xticks(range(len(names)), [n.rsplit(".", 1)[0][-8:] for n in names], rotation=90)
+    axes.set_xticks(range(len(names)), [n.rsplit(".", 1)[0][-12:] for n in names], rotation=90)
     axes.tick_params(labelsize=5)
     return figure
 
@@ -175,6 +176,7 @@ def acceptance_figure(acceptance: dict[str, Any]) -> Figure:
 def rays_figure(result: dict[str, Any]) -> Figure:
     """Return how many targets are seen how often."""
     from matplotlib.figure import Figure
+    from matplotlib.ticker import MaxNLocator
 
     figure = Figure(figsize=(5, 2.2), layout="constrained")
     axes = figure.subplots()
@@ -184,7 +186,8 @@ def rays_figure(result: dict[str, Any]) -> Figure:
         counts, bins=np.arange(0.5, most + 1.5).tolist(), stacked=True, color=[_CODED, _PLAIN],
         label=["coded", "plain"],
     )  # fmt: skip
-    axes.set_xlabel("photographs", fontsize=8)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_xlabel("photographs that show a target", fontsize=8)
     axes.set_ylabel("targets", fontsize=8)
     axes.tick_params(labelsize=7)
     axes.legend(fontsize=7)
