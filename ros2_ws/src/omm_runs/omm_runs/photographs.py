@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 _FEWEST_FOR_POLARITY = 3
 _FOCAL_LENGTH, _AS_35MM, _EXIF_WIDTH = 37386, 41989, 40962  # EXIF 2.3
 _PLANE_RESOLUTION, _PLANE_UNIT = 41486, 41488
+_CAMERA_TAGS = (272, 42033, 42036)  # model, number of the body, lens
 _DIAGONAL_35MM = 43.267
 _SAME_FOCAL = 1.02  # ratio of what EXIF tells of one setting: makers round it
 
@@ -104,13 +105,23 @@ def focal_length_px(photos: tuple[Path, ...], size_px: tuple[int, int]) -> float
     return usual
 
 
-def _exif_focal_px(photo: Path, size_px: tuple[int, int]) -> float | None:
+def taken_with(photo: Path) -> tuple[str, ...]:
+    """Return model, number of the body and lens by the photograph's EXIF; empty where untold."""
+    told = _exif(photo)
+    return tuple(str(told.get(tag, "")).strip(" \0") for tag in _CAMERA_TAGS)
+
+
+def _exif(photo: Path) -> dict[int, Any]:
     try:
         with Image.open(photo) as opened:
             exif = opened.getexif()
-            told = {**exif, **exif.get_ifd(ExifTags.IFD.Exif)}
+            return {**exif, **exif.get_ifd(ExifTags.IFD.Exif)}
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
-        return None
+        return {}
+
+
+def _exif_focal_px(photo: Path, size_px: tuple[int, int]) -> float | None:
+    told = _exif(photo)
     focal, as_35mm = (_positive(told.get(tag)) for tag in (_FOCAL_LENGTH, _AS_35MM))
     resolution, unit = _positive(told.get(_PLANE_RESOLUTION)), told.get(_PLANE_UNIT, 2)
     width = _positive(told.get(_EXIF_WIDTH))

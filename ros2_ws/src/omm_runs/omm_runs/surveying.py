@@ -10,10 +10,9 @@ from omm_core.files.survey import SurveySet, load_survey
 from omm_core.survey import Bar, solve_network
 from omm_core.survey.sighting import CODED, PLAIN, sighting_of_target
 from omm_core.targets import TargetFamily
-from omm_runs.photographs import Seen, focal_length_px, look_at_all
+from omm_runs.photographs import focal_length_px, look_at_all
+from omm_runs.survey_photos import FEWEST_PHOTOS, photos_left_out
 from omm_runs.survey_result import SurveyResult, as_json, delivered
-
-FEWEST_PHOTOS = 3
 
 
 def survey(path: Path) -> SurveyResult:
@@ -38,7 +37,7 @@ def survey(path: Path) -> SurveyResult:
     seen = look_at_all(given.photos, given.target_family)
     readable = [s.size_px for s in seen if s.problem is None] or [(1, 1)]
     size = given.size_px or Counter(readable).most_common(1)[0][0]
-    left_out = _left_out(given, seen, size)
+    left_out = photos_left_out(given, seen, size)
     taken = {n: s for n, s in enumerate(seen) if n not in left_out}
     focal = given.focal_length_px or focal_length_px(tuple(given.photos[n] for n in taken), size)
     network = solve_network(
@@ -57,33 +56,3 @@ def survey(path: Path) -> SurveyResult:
 def _diameters(given: SurveySet) -> dict[str, float]:
     declared = ((CODED, given.coded_dot_diameter_mm), (PLAIN, given.plain_dot_diameter_mm))
     return {kind: diameter for kind, diameter in declared if diameter is not None}
-
-
-def _left_out(given: SurveySet, seen: list[Seen], size: tuple[int, int]) -> dict[int, str]:
-    """Return why photographs do not take part, by number.
-
-    Raises
-    ------
-    MeasurementError
-        Where too few are left.
-    """
-    reasons = {}
-    for number, (photo, found) in enumerate(zip(given.photos, seen, strict=True)):
-        if photo in given.left_out:
-            reasons[number] = "survey.yaml says so (leave_out)"
-        elif found.problem is not None:
-            reasons[number] = found.problem
-        elif found.size_px != size:
-            reasons[number] = (
-                f"it has {found.size_px[0]} x {found.size_px[1]} pixels, the camera's others"
-                f" {size[0]} x {size[1]}"
-            )
-        elif not found.targets:
-            reasons[number] = f"no coded target of {given.target_family} was read in it"
-    left = len(seen) - len(reasons)
-    if left < FEWEST_PHOTOS:
-        told = "; ".join(f"{given.photos[n].name}: {why}" for n, why in list(reasons.items())[:5])
-        raise MeasurementError(
-            f"Expected {FEWEST_PHOTOS} photographs or more with coded targets, got {left}. {told}."
-        )
-    return reasons
