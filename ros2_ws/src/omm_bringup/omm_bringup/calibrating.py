@@ -65,7 +65,7 @@ def plan(arguments: argparse.Namespace) -> int:
         )
     if arguments.control not in CONTROLS:
         raise InputError(
-            f"Expected a control out of {', '.join(CONTROLS)}, got '{arguments.control}'."
+            f"Expected one of the controls {', '.join(CONTROLS)}, got '{arguments.control}'."
         )
     scene, planned = plan_from_files(
         CalibrationPlanRequest(

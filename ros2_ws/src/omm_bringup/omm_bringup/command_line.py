@@ -64,7 +64,7 @@ def main(arguments: list[str] | None = None) -> int:
         name = f"{error.filename}: " if error.filename is not None else ""
         return _failed(InputError(f"{name}{error.strerror or error}."), 2)
     except MemoryError:
-        return _failed(InputError("The memory does not suffice for what was given."), 2)
+        return _failed(InputError("There is not enough memory for what was given."), 2)
     finally:
         sys.stdout = plain
 

@@ -163,7 +163,7 @@ def joint(kind: str, more: str = "", parent: str = "machine") -> str:
         (joint("prismatic", LIMIT, "column"), "column is not"),
         (joint("fixed"), "Expected axes"),
         (joint("prismatic", LIMIT + '<mimic joint="Y"/>'), "mimic"),
-        (joint("prismatic", LIMIT + '<axis xyz="0 0 0"/>'), "length"),
+        (joint("prismatic", LIMIT + '<axis xyz="0 0 0"/>'), "a direction"),
         (joint("prismatic", LIMIT + '<origin xyz="1 2"/>'), "three"),
         (joint("prismatic", '<limit lower="1" upper="0"/>'), "lower <"),
     ],

@@ -89,7 +89,7 @@ def test_names_of_files_count_from_the_folder_of_the_file() -> None:
         ({"inner": {"name": "i", "minimum_mm": 0}}, "expected a number above 0 for 'minimum_mm'"),
         ({"entries": [{"name": "x"}, {"name": "x"}]}, "entries: expected each name once, got x"),
         ({"entries": {"name": "x"}}, "expected a list for 'entries'"),
-        ({"kind": "c"}, "expected kind out of a, b, got 'c'"),
+        ({"kind": "c"}, "expected kind to be one of a, b, got 'c'"),
         ({"kind": None}, "the key 'kind' is missing"),
         ({"normal": [0, 0, 0]}, "expected normal with a direction"),
         ({"shown": 1}, "expected true or false for 'shown'"),

@@ -48,7 +48,7 @@ def test_everything_in_a_fit_file_is_read(tmp_path):
         ("name: raw", "name: milled", "each name once"),
         ("[milled, raw], low", "[milled], low", "names of two groups"),
         ("faces: [1, 2]", "faces: [1.5]", "whole numbers of faces"),
-        ("inch", "foot", "cad_unit out of mm, cm, m, inch"),
+        ("inch", "foot", "cad_unit to be one of mm, cm, m, inch"),
         ("xyz_mm: [1, 2, 3]", "xyz_mm: [1, 2]", "expected 3 numbers"),
     ],
 )

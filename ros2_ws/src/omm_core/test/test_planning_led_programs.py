@@ -81,5 +81,5 @@ def test_with_a_limit_of_zero_no_correction_is_read(control):
 @pytest.mark.parametrize("control", [*LED, "fagor"])
 def test_a_look_for_the_part_is_linuxcncs_only(control):
     look = [ProgramStop(axes=STOPS[0].axes, label="look", look=True), *STOPS]
-    with pytest.raises(InputError, match="LinuxCNC's only"):
+    with pytest.raises(InputError, match="for LinuxCNC only"):
         gone_to(control, [], stops=look)

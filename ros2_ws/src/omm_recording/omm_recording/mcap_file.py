@@ -122,7 +122,7 @@ class McapFile:
         start = self._file.read(len(MAGIC))
         if start != MAGIC[: len(start)] or not start:
             hint = " It is a text file." if start.isascii() and start else ""
-            raise InputError(f"Expected an MCAP recording, {self.path} is not one.{hint}")
+            raise InputError(f"Expected an MCAP recording, but {self.path} is not one.{hint}")
         self._file.seek(max(0, size - len(MAGIC)))
         if size <= len(MAGIC) or self._file.read() != MAGIC:
             raise InputError(

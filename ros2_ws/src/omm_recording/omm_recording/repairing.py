@@ -68,7 +68,7 @@ def repair(source: Path, target: Path) -> Recovered:
         size = file.seek(0, 2)
         file.seek(0)
         if file.read(len(MAGIC)) != MAGIC:
-            raise InputError(f"Expected an MCAP recording, {source} does not begin like one.")
+            raise InputError(f"Expected an MCAP recording, but {source} does not begin like one.")
         if being_written(source):
             raise InputError(f"{source} is still being written; stop its recorder first.")
         writer = RecordingWriter(

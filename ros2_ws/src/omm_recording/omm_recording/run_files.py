@@ -98,7 +98,7 @@ def _with_repaired(files: list[Path]) -> list[Path]:
     for file in files:
         repaired = file.with_name(f"{file.stem}{_REPAIRED}.mcap")
         if repaired.is_file():
-            warn(f"{repaired.name} is read in the place of {file.name}, from which it was made.")
+            warn(f"{repaired.name} is read in place of {file.name}, from which it was made.")
         else:
             repaired = file
         if repaired not in taken:
@@ -199,7 +199,9 @@ def open_recording(path: Path) -> IO[bytes]:
             while piece := reader.read(8 << 20):
                 unpacked.write(piece)
                 if unpacked.tell() > limit:
-                    raise InputError(f"{path} unpacks to more than {limit >> 20} MB: no recording.")
+                    raise InputError(
+                        f"{path} unpacks to more than {limit >> 20} MB: that is not a recording."
+                    )
     except (zstandard.ZstdError, OSError) as error:
         raise InputError(f"{path} cannot be unpacked (zstd): {error}") from error
     unpacked.seek(0)

@@ -93,8 +93,8 @@ def check_number(path: Path, opcode: int, number: int) -> None:
     most = _MOST.get(Opcode(opcode)) if opcode in _MOST else None
     if most is not None and number > most:
         raise InputError(
-            f"{path} names more than {most} {Opcode(opcode).name.lower()} records: that is no"
-            " recording of a measurement."
+            f"{path} names more than {most} {Opcode(opcode).name.lower()} records: that is not a"
+            f" recording of a measurement."
         )
 
 

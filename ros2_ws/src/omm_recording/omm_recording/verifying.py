@@ -65,8 +65,8 @@ def verify(path: Path, trusted_key: str | None = None) -> Verdict:
         chain = [a.data for a in recording.attachments() if a.name == CHAIN]
         if seal is None or not chain or "sha256" not in seal:
             raise InputError(
-                f"{path} has no seal: it was not recorded by omm, so nobody can say whether it "
-                "was changed."
+                f"{path} has no seal: it was not recorded by omm, so whether it was changed cannot"
+                f" be checked."
             )
         links = parsed_chain(chain[-1])
         verdict = Verdict(

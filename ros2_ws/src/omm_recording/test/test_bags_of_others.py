@@ -59,7 +59,7 @@ def test_a_killed_bag_is_repaired_by_its_folder_and_then_read(
     assert repair(cut, repaired_name(cut)).messages > 0
     names = [file.name for file in find_run(folder).recordings]
     assert names == ["bag_0.mcap", "bag_1.repaired.mcap"]
-    assert "bag_1.repaired.mcap is read in the place of bag_1.mcap" in capsys.readouterr().err
+    assert "bag_1.repaired.mcap is read in place of bag_1.mcap" in capsys.readouterr().err
 
 
 def test_what_is_missing_or_sqlite_is_told_with_what_helps(tmp_path: Path, record: Any) -> None:

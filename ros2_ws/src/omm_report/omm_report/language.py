@@ -82,7 +82,7 @@ def catalogue(language: str) -> Mapping[str, str]:
         Where there is no such language.
     """
     if language not in LANGUAGES:
-        raise InputError(f"Expected a language out of {', '.join(LANGUAGES)}, got '{language}'.")
+        raise InputError(f"Expected one of the languages {', '.join(LANGUAGES)}, got '{language}'.")
     loaded: dict[str, str] = json.loads((FOLDER / f"{language}.json").read_text(encoding="utf-8"))
     return loaded
 

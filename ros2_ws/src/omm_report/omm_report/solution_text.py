@@ -102,4 +102,4 @@ def _truth(run: Path, which: str) -> dict[str, float] | None:
         theta = content.get(which, content.get("theta", content))
         return {quantity.key: float(theta[quantity.key]) for quantity in THETA}
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise InputError(f"{path} does not tell a truth as expected: {error!r}") from error
+        raise InputError(f"{path} does not hold a truth as expected: {error!r}") from error

@@ -61,7 +61,9 @@ def make_keystore(folder: Path, nodes: Sequence[str] = NODES) -> tuple[str, ...]
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         if any(folder.iterdir()):
-            raise InputError(f"Expected a new or an empty folder, got {folder}. Keys stay as made.")
+            raise InputError(
+                f"Expected a new or an empty folder, got {folder}. Existing keys are never changed."
+            )
         folder.chmod(0o700)
         return _written(folder, nodes)
     except OSError as error:

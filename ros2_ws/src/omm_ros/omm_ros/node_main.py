@@ -129,7 +129,7 @@ def _autostart(node: LifecycleNode) -> None:
     for transition in (node.trigger_configure, node.trigger_activate):
         if transition() != TransitionCallbackReturn.SUCCESS:
             raise getattr(node, "failure", None) or OmmError(
-                f"{node.get_name()} could not start; what was wrong stands above."
+                f"{node.get_name()} could not start; see above for what was wrong."
             )
 
 

@@ -114,7 +114,7 @@ def _make_empty(folder: Path, mode: int) -> None:
     if there is not None:
         raise InputError(
             f"Expected a new or an empty folder, got {folder}, where {there.name} is already."
-            " An export writes over nothing: name another folder."
+            " An export overwrites nothing: name another folder."
         )
 
 

@@ -90,7 +90,7 @@ def focal_length_px(photos: tuple[Path, ...], size_px: tuple[int, int]) -> float
     known = {name: f for name, f in told.items() if f is not None}
     if not known:
         raise InputError(
-            "The photographs' EXIF tells no focal length: expected camera: {pixel_size_mm,"
+            "The photographs' EXIF gives no focal length: expected camera: {pixel_size_mm,"
             " focal_length_mm} in survey.yaml."
         )
     values = sorted(known.values())
@@ -98,7 +98,7 @@ def focal_length_px(photos: tuple[Path, ...], size_px: tuple[int, int]) -> float
     if values[-1] > _SAME_FOCAL * values[0]:
         others = [name for name, f in known.items() if abs(f / usual - 1.0) > _SAME_FOCAL - 1.0]
         raise InputError(
-            f"The photographs' EXIF tells focal lengths from {values[0]:.0f} to {values[-1]:.0f}"
+            f"The photographs' EXIF gives focal lengths from {values[0]:.0f} to {values[-1]:.0f}"
             " pixels: one survey takes one camera with one setting. Leave out (leave_out in"
             f" survey.yaml) those that differ: {', '.join((others or list(known))[:10])}."
         )

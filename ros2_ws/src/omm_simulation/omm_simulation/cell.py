@@ -225,7 +225,7 @@ def _bumped(part: Part, target_id: int | None, bump_mm: tuple[float, float, floa
         return part
     if part.target(target_id) is None:
         known = ", ".join(str(target.id) for target in part.targets)
-        raise InputError(f"Expected a target to bump out of {known}, got {target_id}.")
+        raise InputError(f"Expected one of the targets to bump: {known}, got {target_id}.")
     return dataclasses.replace(
         part,
         targets=tuple(

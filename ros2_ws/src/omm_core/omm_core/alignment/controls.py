@@ -123,7 +123,7 @@ def control_and_number(control: str, offset: str) -> tuple[Control, int]:
     """
     known = CONTROLS.get(control)
     if known is None:
-        raise InputError(f"Expected a control out of {', '.join(CONTROLS)}, got '{control}'.")
+        raise InputError(f"Expected one of the controls {', '.join(CONTROLS)}, got '{control}'.")
     number = known.number_of(offset)
     if number is None:
         raise InputError(f"Expected an offset of {control}: {known.offsets}; got '{offset}'.")

@@ -73,7 +73,7 @@ def jack_corrections(
             f" {spread.shape}."
         )
     if mode not in MODES:
-        raise InputError(f"Expected a mode out of {', '.join(MODES)}, got '{mode}'.")
+        raise InputError(f"Expected one of the modes {', '.join(MODES)}, got '{mode}'.")
     jacobian = _jacobian(jacks, _unit(up), turned_only=mode == "tilt")
     corrections = jacobian @ values
     if mode == "lift":

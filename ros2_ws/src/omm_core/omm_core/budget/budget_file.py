@@ -187,7 +187,7 @@ def _expansion(section: YamlSection) -> Expansion:
     if abs(per_K) > _LARGEST_PER_K:
         raise InputError(
             f"{section.where}: expected expansion_per_K as 11.0e-6 (per K), got {per_K:g}:"
-            " no solid expands so much. Is that µm per m and K?"
+            " no solid expands that much. Is that µm per m and K?"
         )
     temperature = section.section("temperature_K") if "temperature_K" in section else None
     gradient = "gradient_K_per_m"
@@ -218,6 +218,6 @@ def _cad_unit_mm(root: YamlSection) -> float:
     unit = root.text("cad_unit") if "cad_unit" in root else "mm"
     if unit not in CAD_UNITS_MM:
         raise InputError(
-            f"{root.where}: expected cad_unit out of {', '.join(CAD_UNITS_MM)}, got {unit!r}."
+            f"{root.where}: expected cad_unit to be one of {', '.join(CAD_UNITS_MM)}, got {unit!r}."
         )
     return CAD_UNITS_MM[unit]

@@ -55,7 +55,7 @@ def read_contributors(root: YamlSection) -> tuple[Contributor, ...]:
             back = found[names.index(other)].correlation if other in names else {}
             if back.get(one.name, r) != r:
                 raise InputError(
-                    f"{root.where}: {one.name} and {other} tell different correlations of the two."
+                    f"{root.where}: {one.name} and {other} give different correlations for the two."
                 )
     return found
 

@@ -47,7 +47,7 @@ class Distribution:
         object.__setattr__(self, "kind", _SAME.get(self.kind, self.kind))
         if self.kind not in KINDS:
             raise InputError(
-                f"Expected a distribution out of {', '.join(KINDS)}, got {self.kind!r}."
+                f"Expected one of the distributions {', '.join(KINDS)}, got {self.kind!r}."
             )
         if not (math.isfinite(self.standard_uncertainty) and self.standard_uncertainty >= 0.0):
             raise InputError(

@@ -130,7 +130,7 @@ def _fits(problem: Problem, solution: Solution, scale: float) -> Mask:
 def _too_many(used: Mask) -> MeasurementError:
     return MeasurementError(
         f"More than a fifth of the observations ({(~used).sum()} of {len(used)}) do not fit the"
-        " others: images and places are mixed up, the axes of the places are others (taper frame),"
+        " others: images and places are mixed up, the places are in other axes (taper frame),"
         " or something moved while the set was taken."
     )
 

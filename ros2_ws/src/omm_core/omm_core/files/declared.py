@@ -135,7 +135,7 @@ def choice(*known: str) -> Reader:
         value = section.text(key)
         if value not in known:
             raise InputError(
-                f"{section.where}: expected {key} out of {', '.join(known)}, got '{value}'."
+                f"{section.where}: expected {key} to be one of {', '.join(known)}, got '{value}'."
             )
         return value
 

@@ -268,7 +268,7 @@ def _covariance(root: YamlSection, known: tuple[str, ...]) -> tuple[tuple[str, .
     unknown = [name for name in parameters if name not in known]
     if unknown or len(set(parameters)) != len(parameters):
         raise InputError(
-            f"{section.where}: expected each of 'parameters' once, out of {', '.join(known)};"
+            f"{section.where}: expected each of 'parameters' once, from {', '.join(known)};"
             f" got {', '.join(str(name) for name in names)}."
         )
     where = YamlSection({f"row {i}": row for i, row in enumerate(rows)}, section.where)

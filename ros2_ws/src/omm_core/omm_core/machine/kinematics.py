@@ -195,8 +195,8 @@ class Kinematics:
             if value is None or not math.isfinite(value):
                 raise InputError(
                     f"Expected a position of axis {axis.name} of {self.name}, got {value}. The "
-                    f"control reports {', '.join(axes) or 'no axes'}; the URDF's joints must be "
-                    "named so."
+                    f"control reports {', '.join(axes) or 'no axes'}; the URDF's joints must have"
+                    f" these names."
                 )
         return axes
 

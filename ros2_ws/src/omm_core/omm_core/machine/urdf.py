@@ -58,7 +58,7 @@ class Robot:
         if link not in self.links:
             raise InputError(
                 f"Expected a link named {link} in the URDF of {self.name}, got "
-                f"{', '.join(self.links)}. Name the link that the tool holder sits in so."
+                f"{', '.join(self.links)}. Give that name to the link that the tool holder sits in."
             )
         above = {joint.child: joint for joint in self.joints}
         chain: list[Joint] = []
@@ -103,7 +103,7 @@ def expand_xacro(path: Path) -> str:
     )
     if done.returncode != 0:
         last = (done.stderr.strip() or "no reason given").splitlines()[-1]
-        raise InputError(f"Expected xacro to expand the file, it says: {last}")
+        raise InputError(f"Expected xacro to expand the file, but it says: {last}")
     return done.stdout
 
 
@@ -146,7 +146,7 @@ def _refuse_loops(joints: tuple[Joint, ...], root: str) -> None:
             link = parents[link]
             if link in way:
                 told = ", ".join(sorted(way)[:10])
-                raise InputError(f"Expected a tree, its links go round in a loop: {told}.")
+                raise InputError(f"Expected a tree, but its links go round in a loop: {told}.")
             way.add(link)
         rooted |= way
 
@@ -190,7 +190,7 @@ def _direction(element: ET.Element, name: str) -> NDArray[np.float64]:
     direction = _numbers("1 0 0" if axis is None else axis.get("xyz", "1 0 0"), name)
     length = math.hypot(*direction)  # numpy's would warn where it overflows
     if not 1e-9 < length < math.inf:
-        raise InputError(f"Expected an axis of joint {name} with a length, got {direction}.")
+        raise InputError(f"Expected the axis of joint {name} to have a direction, got {direction}.")
     return np.asarray(direction / length)
 
 
@@ -199,7 +199,9 @@ def _limits(element: ET.Element, kind: str, name: str) -> tuple[float, float]:
     if kind in ("fixed", "continuous"):
         return -math.inf, math.inf
     if limit is None:
-        raise InputError(f"Expected limits of joint {name}, got none. URDF wants them if {kind}.")
+        raise InputError(
+            f"Expected limits of joint {name}, got none. URDF requires them of {kind} joints."
+        )
     lower, upper = (_limit(limit, attribute, name) for attribute in ("lower", "upper"))
     if not lower < upper:
         raise InputError(f"Expected lower < upper for joint {name}, got {lower} and {upper}.")

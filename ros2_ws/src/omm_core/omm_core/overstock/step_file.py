@@ -101,7 +101,7 @@ def _of_primitive(head: dict[str, Any], body: bytes, primitive: dict[str, Any]) 
     own = told.astype(np.float64)[corners]
     brep = primitive.get("extensions", {}).get("TM_brep_faces")
     if brep is None:
-        raise InputError("The STEP reader does not tell the faces' surfaces. Give the CAD as STL.")
+        raise InputError("The STEP reader does not give the faces' surfaces. Give the CAD as STL.")
     numbers = _accessor(head, body, brep["faceIndices"]).astype(int)
     known = {face["face_index"]: face for face in brep["faces"] if face}
     return [

@@ -39,7 +39,7 @@ def linuxcnc_program(program: Program) -> str:
     names = list(program.stops[0].axes)
     bad = [name for name in names if len(name) != 1 or name not in _WORDS]
     if bad:
-        raise InputError(f"Expected axes of LinuxCNC out of {', '.join(_WORDS)}, got {bad[0]}.")
+        raise InputError(f"Expected axes of LinuxCNC, any of {', '.join(_WORDS)}, got {bad[0]}.")
     options = program.options
     corrected = options.limit_mm > 0.0
     lines = [

@@ -113,9 +113,9 @@ def program_text(program: Program, control: str = "linuxcnc") -> str:
         return linuxcnc_program(program)
     dialect = _DIALECTS.get(control)
     if dialect is None:
-        raise InputError(f"Expected a control out of {', '.join(CONTROLS)}, got {control!r}.")
+        raise InputError(f"Expected one of the controls {', '.join(CONTROLS)}, got {control!r}.")
     if any(stop.look for stop in program.stops):
-        raise InputError(f"A look for the part (--search) is LinuxCNC's only, got {control}.")
+        raise InputError(f"A search for the part (--search) is for LinuxCNC only, got {control}.")
     led = LED.get(control) if program.options.limit_mm > 0.0 else None
     return "\n".join(_Writer(program, control, dialect, led).lines()) + "\n"
 

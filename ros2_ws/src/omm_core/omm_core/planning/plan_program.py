@@ -65,8 +65,8 @@ def look_from_afar(plan: Plan, distance_mm: float) -> Mapping[str, float]:
     axes = retracted(plan.scene, plan.stops[0].axes, distance_mm)
     if axes is None:
         raise InputError(
-            f"Expected room to begin {distance_mm:g} mm back from the first stop, an axis does not"
-            f" reach there. Let the part lie less far off (--search), or allow more travel."
+            f"Expected room to begin {distance_mm:g} mm back from the first stop, but an axis does"
+            f" not reach there. Search less far (--search), or allow more travel."
         )
     return {name: (v if name in plan.scene.kinematics.rotary else round(v, 3) + 0.0)
             for name, v in axes.items()}  # fmt: skip

@@ -127,7 +127,9 @@ def make_program(
     """
     options = options or ProgramOptions()
     if not stops:
-        raise InputError("Expected stops for a measuring program, got none. Has the part targets?")
+        raise InputError(
+            "Expected stops for a measuring program, got none. Does the part have targets?"
+        )
     for stop in stops:
         for axes in (*stop.leave, *stop.arrive, stop.axes):
             for name, value in axes.items():

@@ -44,8 +44,8 @@ def agreeing_bars(network: Network, bars: list[Bar]) -> tuple[list[Bar], list[st
             if sigmas > _REFUSED:
                 raise MeasurementError(
                     f"The scale bars {both} disagree: measured by the other, {name} comes out"
-                    f" {told}. One of their lengths or numbers is wrong; which, two bars cannot"
-                    " tell. Correct it, or leave the doubtful bar out."
+                    f" {told}. One of their lengths or numbers is wrong; two bars cannot tell"
+                    f" which. Correct it, or leave the doubtful bar out."
                 )
             break
         words.append(

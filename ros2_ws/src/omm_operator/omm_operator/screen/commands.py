@@ -71,7 +71,7 @@ def _acknowledge(arguments: dict[str, Any]) -> dict[str, Any]:
 
 def _corrected(arguments: dict[str, Any]) -> dict[str, Any]:
     if set(arguments) != {"mode"} or arguments["mode"] not in MODES:
-        raise InputError(f"Expected a mode out of {', '.join(MODES)}.")
+        raise InputError(f"Expected one of the modes {', '.join(MODES)}.")
     return {"mode": arguments["mode"]}
 
 
@@ -89,7 +89,7 @@ def _jacks(arguments: dict[str, Any]) -> dict[str, Any]:
 def _make_report(arguments: dict[str, Any]) -> dict[str, Any]:
     language = arguments.get("language", "en")
     if not set(arguments) <= {"language"} or language not in LANGUAGES:
-        raise InputError(f"Expected a language out of {', '.join(LANGUAGES)}.")
+        raise InputError(f"Expected one of the languages {', '.join(LANGUAGES)}.")
     return {"language": language}
 
 

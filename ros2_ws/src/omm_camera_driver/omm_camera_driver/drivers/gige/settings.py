@@ -60,7 +60,7 @@ class GigeSettings:
             raise InputError(f"Expected one of {', '.join(_NUMBERS)}, got {name}.")
         feature, automatic, unit = _NUMBERS[name]
         if not self._call(f"camera_is_{feature}_available"):
-            raise InputError(f"Expected no {name}: this camera cannot set it.")
+            raise InputError(f"Expected {name} to be left unset: this camera cannot set it.")
         low, high = c_double(), c_double()
         self._call(f"camera_get_{feature}_bounds", byref(low), byref(high))
         check_range(name, value, low.value, high.value, unit)
@@ -114,7 +114,7 @@ class GigeSettings:
         if names:
             self._arv.g_free(names)
         if name not in known:
-            raise InputError(f"Expected pixel_format out of {', '.join(known)}, got {name}.")
+            raise InputError(f"Expected pixel_format to be one of {', '.join(known)}, got {name}.")
         self._call("camera_set_pixel_format_from_string", name.encode())
 
     def _set_region(self, settings: CameraSettings) -> None:
@@ -168,8 +168,8 @@ class GigeSettings:
                 if feature == b"LineMode":  # lines that can be outputs only
                     continue
                 raise InputError(
-                    f"Expected no strobe_line: this camera has no {feature.decode()}. Set its own "
-                    "strobe features by the parameter controls."
+                    f"Expected strobe_line to be left unset: this camera has no {feature.decode()}."
+                    " Set its own strobe features with the parameter controls."
                 )
             self._call("camera_set_string", feature, value)
 

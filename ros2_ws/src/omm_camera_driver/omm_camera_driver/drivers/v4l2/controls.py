@@ -54,7 +54,7 @@ class Controls:
         control = self.found.get(name)
         if control is None:
             raise InputError(
-                f"Expected a control out of {', '.join(sorted(self.found))}, got {name}."
+                f"Expected one of the controls {', '.join(sorted(self.found))}, got {name}."
             )
         if control.type != videodev.CONTROL_BUTTON:
             check_range(name, value, control.minimum, control.maximum)
@@ -77,8 +77,9 @@ class Controls:
         control = next((self.found[n] for n in names if n in self.found), None)
         if control is None:
             raise InputError(
-                f"Expected no {name}: this device has no control {' or '.join(names)}. Set one of "
-                f"its own by the parameter controls: {', '.join(sorted(self.found))}."
+                f"Expected {name} to be left unset: this device has no control "
+                f"{' or '.join(names)}. Set one of its own with the parameter controls: "
+                f"{', '.join(sorted(self.found))}."
             )
         unit = "µs" if name == "exposure_us" else ""
         check_range(name, value, control.minimum * step, control.maximum * step, unit)

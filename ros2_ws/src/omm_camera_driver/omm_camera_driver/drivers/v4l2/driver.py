@@ -156,8 +156,8 @@ class V4l2Driver:
         if wanted not in there or wanted not in _PREFERRED:
             usable = [f for f in there if f in _PREFERRED]
             raise InputError(
-                f"Expected pixel_format out of {', '.join(usable) or 'none'}, which this device "
-                f"has and omm reads, got {wanted or ', '.join(there)}."
+                f"Expected pixel_format to be one of {', '.join(usable) or 'none'}, which this"
+                f" device has and omm reads, got {wanted or ', '.join(there)}."
             )
         form = videodev.call(self._fd, videodev.G_FMT, videodev.Format(type=videodev.CAPTURE))
         pix = form.fmt.pix

@@ -95,7 +95,7 @@ class MtConnectControl:
 
     def acknowledge(self, request: int) -> None:
         """Refuse: MTConnect can only be read."""
-        raise DeviceError(f"MTConnect cannot answer (image {request}): agents only tell.")
+        raise DeviceError(f"MTConnect cannot answer (image {request}): agents only report.")
 
     def close(self) -> None:
         """Close the connection, which ends the reading thread."""
@@ -144,9 +144,9 @@ class MtConnectControl:
 
     def _take(self, document: Document, received_ns: int) -> list[ControlSample]:
         if document.instance_id != self._instance:
-            raise DeviceError("MTConnect: the agent was started anew.")
+            raise DeviceError("MTConnect: the agent was restarted.")
         if document.first_sequence > self._next:
-            raise DeviceError("MTConnect: the agent's buffer ran over; what it held is lost.")
+            raise DeviceError("MTConnect: the agent's buffer overflowed; what it held is lost.")
         news = [o for o in document.observations if o.sequence >= self._next]
         self._next = max(self._next, document.next_sequence)
         if not news:

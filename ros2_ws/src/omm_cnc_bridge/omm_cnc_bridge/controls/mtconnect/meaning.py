@@ -137,8 +137,8 @@ def join(devices: list[Device]) -> Device:
         if names & axes:
             raise InputError(
                 f"MTConnect: expected axes of different names, got {', '.join(names & axes)} "
-                "twice; which of them moves the spindle is not told. Set mtconnect_device, or "
-                "name them apart in the agent's device model."
+                "twice; nothing says which of them moves the spindle. Set mtconnect_device, or give"
+                " them different names in the agent's device model."
             )
         names |= axes
         items |= device.items

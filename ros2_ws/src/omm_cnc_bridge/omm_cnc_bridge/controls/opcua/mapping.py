@@ -94,7 +94,7 @@ def load_mapping(path: Path) -> Mapping40502:
     )
     axes = root.section("axes")
     if not axes.values:
-        raise InputError(f"{axes.where}: expected an axis at least, got none.")
+        raise InputError(f"{axes.where}: expected at least one axis, got none.")
     given: dict[str, Any] = {}
     if "channel" in root:
         given["channel"] = _paths(root.section("channel"), CHANNEL_ITEMS)
@@ -124,7 +124,7 @@ def _words(section: YamlSection, words: type[Enum]) -> dict[int, str]:
     for number, word in section.values.items():
         if not isinstance(number, int) or word not in known:
             raise InputError(
-                f"{section.where}: expected a number and a word out of {', '.join(known)},"
+                f"{section.where}: expected a number and one of the words {', '.join(known)},"
                 f" got {str(number)[:80]}: {str(word)[:80]}."
             )
     return dict(section.values)
@@ -165,7 +165,8 @@ def _offset(section: YamlSection) -> OffsetNodes:
     for name, (_, words) in chosen.items():
         if told[name] not in words:
             raise InputError(
-                f"{section.where}: expected {name} out of {', '.join(words)}, got {told[name]}."
+                f"{section.where}: expected {name} to be one of {', '.join(words)}, got"
+                f" {told[name]}."
             )
     return OffsetNodes(paths=paths, unit=told["unit"], angle_unit=told["angle_unit"])
 
@@ -180,6 +181,6 @@ def _correction(section: YamlSection) -> CorrectionNodes:
     unit = section.text("unit") if "unit" in section else "mm"
     if unit not in LENGTH_UNITS:
         raise InputError(
-            f"{section.where}: expected unit out of {', '.join(LENGTH_UNITS)}, got {unit}."
+            f"{section.where}: expected unit to be one of {', '.join(LENGTH_UNITS)}, got {unit}."
         )
     return CorrectionNodes(paths=paths, unit=unit)

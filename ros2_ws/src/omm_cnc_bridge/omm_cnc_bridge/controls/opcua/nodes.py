@@ -145,7 +145,7 @@ class NodeFinder:
             if positions:
                 axes[(await axis.read_browse_name()).Name] = AxisItems(paths=paths)
         if not axes:
-            raise InputError("OPC UA: expected axes in the CncAxisList, it is empty.")
+            raise InputError("OPC UA: expected axes in the CncAxisList, found it empty.")
         return axes
 
     async def _axis_nodes(self, name: str, items: AxisItems) -> dict[Key, Node]:

@@ -95,7 +95,7 @@ class SimulatedCellControl:
     def work_offset(self, name: str) -> WorkOffset:
         """Return an offset out of a table that begins with zeros, as a real control has it."""
         if name not in OFFSETS:
-            raise DeviceError(f"Expected an offset out of {', '.join(OFFSETS)}, got {name}.")
+            raise DeviceError(f"Expected one of the offsets {', '.join(OFFSETS)}, got {name}.")
         zero = WorkOffset(name=name, xyz_mm=(0.0, 0.0, 0.0), euler_xyz_rad=(0.0, 0.0, 0.0))
         return self._offsets.get(name, zero)
 

@@ -115,7 +115,7 @@ class TargetFamily:
                         ring_outer_ratio=outer,
                     )
         raise InputError(
-            f"Expected a target family out of {', '.join(family_names())}, got {name!r}: "
+            f"Expected one of the target families {', '.join(family_names())}, got {name!r}: "
             "it is printed on the targets' packing or in the program that made them."
         )
 
