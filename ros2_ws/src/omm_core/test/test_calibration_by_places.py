@@ -160,6 +160,19 @@ def test_a_camera_that_moved_is_refused_with_the_image_and_the_way():
         calibrate(TRUTH, places, 3, pixels=pixels)
 
 
+@pytest.mark.parametrize("mirror", [[-1, 1, 1], [1, 1, -1]])
+def test_places_that_are_a_mirror_image_are_told_as_such(mirror):
+    places = places_before(TRUTH)
+    pixels = np.array([o.pixel for o in calibrate(TRUTH, places, 3).observations])
+    with pytest.raises(MeasurementError, match="mirror image"):
+        calibrate(TRUTH, places * mirror, 3, pixels=pixels)
+
+
+def test_promised_sigmas_that_are_far_too_large_are_a_finding():
+    result = calibrate(TRUTH, places_before(TRUTH), 3, sigma_xyz_mm=0.02)
+    assert any("sigma_xyz_mm or sigma_px is too large" in words for words in result.findings)
+
+
 def test_images_and_places_that_are_mixed_up_are_refused():
     places = places_before(TRUTH)
     pixels = np.array([o.pixel for o in calibrate(TRUTH, places, 3).observations])

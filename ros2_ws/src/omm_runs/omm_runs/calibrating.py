@@ -16,12 +16,14 @@ from omm_core.camera_calibration.machine import calibrate_by_run
 from omm_core.camera_calibration.model import PARAMETERS, Sensor, project_with_derivatives
 from omm_core.camera_calibration.result import CalibrationResult
 from omm_core.camera_calibration.single_dot import PlainDot
+from omm_core.camera_calibration.which_dot import agreeing_things
 from omm_core.errors import InputError
 from omm_core.files.calibration_set import CmmSet, MachineSet, load_calibration_set
 from omm_core.files.camera_writing import camera_yaml
 from omm_core.files.part import load_part
 from omm_core.files.sensor import NamedSensor
 from omm_core.files.yaml_input import read_yaml
+from omm_core.geometry import rotation_from_euler_xyz_rad
 from omm_core.imaging.calibration import load_calibration
 from omm_runs.dot_images import (
     dots_of_images,
@@ -36,6 +38,10 @@ Indices = NDArray[np.int64]
 
 # A dot farther than this from where a first calibration puts it is another thing.
 _REACH_PX = 20.0
+# A dot's diameter, measured in the images, is right within this: they are seen aslant.
+_SIZE_ASTRAY = 0.25
+# Fewer things that agree are a chance.
+_FEWEST_AGREEING = 12
 # Images that show one bright thing alone from which the first calibration is made without others.
 _ENOUGH_ALONE = 30
 
@@ -111,15 +117,34 @@ def _calibrate_images(given: CmmSet, sensor: Sensor) -> CalibrationResult:
     """Calibrate by what is likely the dot; then by the dot that is where it must be."""
     shape = (sensor.height_px, sensor.width_px)
     dots = without_what_stands_still(dots_of_images(given.path.parent, given.images, shape))
-    chosen = likely_dots(dots, _ENOUGH_ALONE)
+    chosen = [of_image[0] if of_image else None for of_image in dots]
     if any(len(d) > 1 for d in dots):
+        chosen = _that_agree(given, sensor, dots)
         chosen = _where_it_must_be(given, sensor, dots, _from_dots(given, sensor, chosen).camera)
     result = _from_dots(given, sensor, chosen)
+    result = replace(result, findings=(*result.findings, *_other_size(given, result, chosen)))
     lost = [given.images[i] for i, dot in enumerate(chosen) if dot is None]
     if not lost:
         return result
     words = f"in {len(lost)} images no dot is found where it must be: {', '.join(lost[:5])}"
     return replace(result, findings=(*result.findings, words))
+
+
+def _other_size(
+    given: CmmSet, result: CalibrationResult, chosen: list[PlainDot | None]
+) -> tuple[str, ...]:
+    """Return a finding where the dot in the images is of another size than the set says."""
+    optical = rotation_from_euler_xyz_rad(*result.camera[10:])[:, 2]
+    depth = (given.places_mm - result.camera[7:10]) @ optical
+    mm_per_px = depth * result.sensor.pixel_size_mm / result.camera[0]
+    sizes = [s * dot.diameter_px for s, dot in zip(mm_per_px, chosen, strict=True) if dot]
+    size, told = float(np.median(sizes)), given.target.dot_diameter_mm
+    if abs(size / told - 1.0) < _SIZE_ASTRAY:
+        return ()
+    return (
+        f"the dot is {size:.2f} mm wide in the images, and the set says {told:g} mm: its diameter,"
+        " or the unit of the places, is wrong",
+    )
 
 
 def _from_dots(given: CmmSet, sensor: Sensor, chosen: list[PlainDot | None]) -> CalibrationResult:
@@ -131,6 +156,20 @@ def _from_dots(given: CmmSet, sensor: Sensor, chosen: list[PlainDot | None]) -> 
         np.array([dot.center_px for _, dot in there]).reshape(-1, 2),
         np.array([dot.covariance_px2 for _, dot in there]).reshape(-1, 2, 2),
     )
+
+
+def _that_agree(given: CmmSet, sensor: Sensor, dots: list[list[PlainDot]]) -> list[PlainDot | None]:
+    """Return of each image the thing that agrees with those of the others; else the largest."""
+    which = agreeing_things(
+        sensor,
+        given.places_mm,
+        [np.array([d.center_px for d in of_image]).reshape(-1, 2) for of_image in dots],
+        [np.array([d.diameter_px for d in of_image]) for of_image in dots],
+        given.target.dot_diameter_mm,
+    )
+    if sum(at is not None for at in which) < _FEWEST_AGREEING:
+        return likely_dots(dots, _ENOUGH_ALONE)
+    return [None if at is None else of_image[at] for at, of_image in zip(which, dots, strict=True)]
 
 
 def _where_it_must_be(

@@ -66,16 +66,15 @@ def without_what_stands_still(dots: list[list[PlainDot]]) -> list[list[PlainDot]
     if not every:
         return dots
     places = np.array(every)
+    beside = np.array([len(of_image) > 1 for of_image in dots for _ in of_image])
     often = max(_STILL_IMAGES, _STILL_PART * len(dots))
 
     def still(dot: PlainDot) -> bool:
         near = np.linalg.norm(places - dot.center_px, axis=1) < _STILL_PX
-        return bool(near.sum() >= often)
+        # Seen alone in most images, it is the dot, taken at one place again and again.
+        return bool(near.sum() >= often and 2 * beside[near].sum() > near.sum())
 
-    return [
-        [dot for dot in of_image if not still(dot)] if len(of_image) > 1 else of_image
-        for of_image in dots
-    ]
+    return [[dot for dot in of_image if not still(dot)] for of_image in dots]
 
 
 def likely_dots(dots: list[list[PlainDot]], least: int) -> list[PlainDot | None]:

@@ -95,6 +95,7 @@ def test_the_json_is_as_the_contract_has_it(folder):
         ("normal: [0, 0, 1]", "normal: [0, 0, 0]", "a direction"),
         ("sigma_px: 0.02", "", "sigma_px"),
         ("points.csv", "none.csv", "no such file"),
+        ("pixel_size_mm: 0.0022", "pixel_size_mm: 2.2", "2.2 µm are 0.0022 mm"),
     ],
 )
 def test_mistakes_in_a_set_are_named(folder, old, new, words):
@@ -109,6 +110,13 @@ def test_a_place_that_is_no_number_is_named_by_line(folder):
     (folder / "points.csv").write_text("\n".join(text))
     with pytest.raises(InputError, match=r"line 5.*x_mm.*abc"):
         load_calibration_set(folder)
+
+
+def test_a_table_may_have_spaces(folder):
+    text = (folder / "points.csv").read_text()
+    wanted = load_calibration_set(folder)
+    (folder / "points.csv").write_text(text.replace(",", ", "))
+    assert load_calibration_set(folder).places_mm == pytest.approx(wanted.places_mm)
 
 
 def test_the_shared_images_are_calibrated_within_what_is_told():

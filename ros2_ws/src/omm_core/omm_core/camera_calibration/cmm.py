@@ -176,7 +176,8 @@ def _refuse_moved(images: list[str], problem: Problem, solution: Solution) -> No
         f"Something moved between image {images[moved.first - 1]} and {images[moved.first]}"
         f" (number {moved.first} and {moved.first + 1} of {len(images)}): the camera, by about"
         f" {shift:.3f} mm and {1000 * turn:.2f} mrad, or the axes of the CMM. Clamp it, and take"
-        " the set again."
+        " the set again. A wrong diameter or normal of the dot, or places that are not in mm, look"
+        " alike."
     )
 
 

@@ -20,6 +20,8 @@ Mask = NDArray[np.bool_]
 
 # Chi-square of 13 degrees of freedom that one good set in a thousand exceeds.
 _LARGEST_HALVES = 34.5
+# Residuals so much smaller than promised are no chance with so many degrees of freedom.
+_TOO_GOOD, _ENOUGH_FREEDOM = 0.5, 30
 
 
 def result_of_places(
@@ -107,5 +109,10 @@ def _findings(solution: Solution, used: Mask, images: list[str]) -> tuple[str, .
         found.append(
             f"residuals are {solution.sigma0:.2f} times what was promised; the covariance is"
             " enlarged by that"
+        )
+    if solution.sigma0 < _TOO_GOOD and solution.degrees_of_freedom >= _ENOUGH_FREEDOM:
+        found.append(
+            f"residuals are only {solution.sigma0:.2g} of what was promised: sigma_xyz_mm or"
+            " sigma_px is too large, and so is the covariance"
         )
     return tuple(found)

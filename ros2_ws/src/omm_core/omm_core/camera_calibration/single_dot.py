@@ -17,6 +17,9 @@ from omm_core.targets.conic.outline import dot_outline
 Array = NDArray[np.float64]
 
 MIN_DIAMETER_PX, MAX_DIAMETER_PX = 8, 160
+# Thresholds between background and what is brightest: the dot may be dimmer than a reflection.
+_LEVELS = (0.5, 0.2, 0.08)
+_NOISES = 6.0  # that a threshold is above the background at least
 # No ring: dark as far as the fit looks (in dot radii).
 _CLEAR = 1.8
 _NO_RING = np.zeros(12, dtype=np.int64)
@@ -33,25 +36,39 @@ class PlainDot:
 
 def find_bright_dots(image: NDArray[Any]) -> list[PlainDot]:
     """Return the bright round things in an image (H, W), uint8 or uint16; brightest first."""
-    background = float(np.median(image[::4, ::4]))
+    some = image[::4, ::4].astype(np.float32)
+    background = float(np.median(some))
+    noise = 1.4826 * float(np.median(np.abs(some - background)))
     highest = float(np.percentile(cv2.blur(image, (5, 5)), 99.999))
     if highest - background < 0.05 * max(background, 100.0):
         return []
-    bright = (image > 0.5 * (background + highest)).astype(np.uint8)
-    count, _, boxes, centres = cv2.connectedComponentsWithStats(bright, connectivity=8)
     saturation = float(np.iinfo(image.dtype).max)
     kept = image.view()
     kept.flags.writeable = False  # the form for which the kernels are compiled
-    dots = []
-    for label in range(1, count):
-        width, height, area = boxes[label, 2:5]
-        longer, shorter = max(width, height), min(width, height)
-        filled = area / (np.pi / 4 * width * height)
-        if shorter >= MIN_DIAMETER_PX and longer <= MAX_DIAMETER_PX and 0.6 < filled < 1.25:
-            dot = _fitted(kept, centres[label], 0.5 * float(longer), saturation)
+    dots: list[PlainDot] = []
+    for level in _LEVELS:
+        above = level * (highest - background)
+        if above < _NOISES * noise and dots:
+            break
+        for centre, radius in _round_things(image, background + above):
+            if any(np.linalg.norm(d.center_px - centre) < d.diameter_px for d in dots):
+                continue
+            dot = _fitted(kept, centre, radius, saturation)
             if dot is not None:
                 dots.append(dot)
     return dots
+
+
+def _round_things(image: NDArray[Any], threshold: float) -> list[tuple[Array, float]]:
+    """Return centre and radius of what is above a threshold and about as round as a dot."""
+    bright = (image > threshold).astype(np.uint8)
+    count, _, boxes, centres = cv2.connectedComponentsWithStats(bright, connectivity=8)
+    width, height, area = boxes[1:count, 2:5].T.astype(float)
+    longer, shorter = np.maximum(width, height), np.minimum(width, height)
+    filled = area / (np.pi / 4 * width * height)
+    good = (shorter >= MIN_DIAMETER_PX) & (longer <= MAX_DIAMETER_PX)
+    good &= (filled > 0.6) & (filled < 1.25)
+    return [(centres[1 + i], 0.5 * float(longer[i])) for i in np.flatnonzero(good)]
 
 
 def _fitted(

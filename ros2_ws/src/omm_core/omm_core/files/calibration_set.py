@@ -26,6 +26,7 @@ from omm_core.files.yaml_input import YamlSection, read_yaml
 Array = NDArray[np.float64]
 
 _ROOT = ("kind", "model")
+_PIXELS_MM = (1e-4, 0.2)
 _PLACE = ("x_mm", "y_mm", "z_mm")
 _CENTRE = ("col_px", "row_px")
 
@@ -106,12 +107,24 @@ def load_calibration_set(path: Path) -> CmmSet | MachineSet:
             f"{path}: expected the model 'brown_photogrammetric', got '{model}'. Calibrate with it;"
             " live, both models are understood."
         )
+    _check_pixel(path, root)
     kind = root.text("kind")
     if kind == "machine":
         return read_section(MachineSet, root, also=_ROOT, path=path)
     if kind == "cmm":
         return _cmm(path, root)
     raise InputError(f"{path}: expected the kind 'cmm' or 'machine', got '{kind}'.")
+
+
+def _check_pixel(path: Path, root: YamlSection) -> None:
+    """Raise InputError for a pixel in another unit: the focal length would be, too."""
+    size = root.section("camera").number("pixel_size_mm")
+    smallest, largest = _PIXELS_MM
+    if not smallest <= size <= largest:
+        raise InputError(
+            f"{path}: expected a pixel of {smallest:g} to {largest:g} mm, got pixel_size_mm:"
+            f" {size:g}. 2.2 µm are 0.0022 mm."
+        )
 
 
 def _cmm(path: Path, root: YamlSection) -> CmmSet:
