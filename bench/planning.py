@@ -26,29 +26,31 @@ from omm_cnc_bridge.controls.simulated.control import machine_of  # noqa: E402
 from omm_core.files.machine import AxisDynamics, Machine  # noqa: E402
 from omm_core.geometry import RigidTransform  # noqa: E402
 from omm_core.planning.plan import make_plan  # noqa: E402
-from omm_core.planning.scene import Noise, Scene  # noqa: E402
-from omm_core.planning.wish import Wish  # noqa: E402
+from omm_core.planning.scene import AssumedNoise, Scene  # noqa: E402
+from omm_core.planning.wish import PlanWish  # noqa: E402
 from omm_simulation.scenario import load_scenario  # noqa: E402
 
 MANY = tuple((x, y) for x in (0.0, 750.0, 1500.0) for y in (0.0, 500.0, 1000.0))
 SMALL = tuple((40.0 * (i % 4), 40.0 * (i // 4)) for i in range(8))
 PLANS = {
-    "4 targets, stops 3, geometry 15": (scene(REAL), Wish()),
-    "4 targets, image 0.05 px only": (scene(EXACT, part=part(sigma_mm=0.0)), Wish()),
-    "4 targets, U 0.04 wanted": (scene(REAL), Wish(point_mm=0.04)),
+    "4 targets, stops 3, geometry 15": (scene(REAL), PlanWish()),
+    "4 targets, image 0.05 px only": (scene(EXACT, part=part(sigma_mm=0.0)), PlanWish()),
+    "4 targets, U 0.04 wanted": (scene(REAL), PlanWish(point_mm=0.04)),
     "9 targets, turned": (
         scene(REAL, part=part(MANY), turned=(0.02, -0.03, 0.6), at=(900.0, 200.0, -100.0)),
-        Wish(),
+        PlanWish(),
     ),
-    "8 targets in one view": (scene(REAL, part=part(SMALL, 0.005), at=(300, 300, 0)), Wish()),
+    "8 targets in one view": (scene(REAL, part=part(SMALL, 0.005), at=(300, 300, 0)), PlanWish()),
 }
 
 
 WISHES = {
-    "bench": Wish(place_mm=0.05, angle_mm_per_m=0.05),
-    "bench, least time": Wish(place_mm=0.05, angle_mm_per_m=0.05, least_time=True),
-    "industrial": Wish(place_mm=0.2, angle_mm_per_m=0.05, bump_mm=0.5),
-    "industrial, least time": Wish(place_mm=0.2, angle_mm_per_m=0.05, bump_mm=0.5, least_time=True),
+    "bench": PlanWish(place_mm=0.05, angle_mm_per_m=0.05),
+    "bench, least time": PlanWish(place_mm=0.05, angle_mm_per_m=0.05, least_time=True),
+    "industrial": PlanWish(place_mm=0.2, angle_mm_per_m=0.05, bump_mm=0.5),
+    "industrial, least time": PlanWish(
+        place_mm=0.2, angle_mm_per_m=0.05, bump_mm=0.5, least_time=True
+    ),
 }
 
 
@@ -63,7 +65,7 @@ def declared(name: str) -> tuple[Scene, Machine]:
         machine_T_part=RigidTransform.from_euler_xyz_rad(
             *placement.euler_xyz_rad, placement.translation_mm
         ),
-        noise=Noise(
+        noise=AssumedNoise(
             stop_sigma_mm=errors.stop_sigma_mm,
             geometry_sigma_mm=errors.geometry_sigma_mm,
             geometry_length_mm=errors.geometry_length_mm,

@@ -8,9 +8,9 @@ from whole_suite import SHARED
 
 from omm_core.geometry import RigidTransform
 from omm_core.planning.prediction import designs, own_covariances
-from omm_core.planning.scene import Noise, Scene
+from omm_core.planning.scene import AssumedNoise, Scene
 from omm_core.planning.views import views
-from omm_core.planning.wish import Wish, Yardstick
+from omm_core.planning.wish import PlanWish, Yardstick
 from omm_runs.solving import solve_run
 from omm_simulation.scenario import load_scenario
 
@@ -34,12 +34,14 @@ def test_predicted_own_sigma_is_the_ideal_one_of_the_truth(name):
         calibration=solved.calibration,
         kinematics=machine_of(load_scenario("bench")),
         machine_T_part=RigidTransform.from_euler_xyz_rad(*theta[:3], theta[3:6]),
-        noise=Noise(stop_sigma_mm=stop, geometry_sigma_mm=geometry, geometry_length_mm=length),
+        noise=AssumedNoise(
+            stop_sigma_mm=stop, geometry_sigma_mm=geometry, geometry_length_mm=length
+        ),
         gamma_s_rad=float(theta[6]),
         play_mm=0.0,
     )
     made = designs(scene, spindles, views(scene, spindles))
     covariance = own_covariances(made, scene.noise, np.arange(len(spindles))[None])[0]
-    predicted = Yardstick.of(scene, Wish()).theta_covariance(covariance)
+    predicted = Yardstick.of(scene, PlanWish()).theta_covariance(covariance)
     ideal = json.loads((run / "truth.json").read_text())["ideal_own_sigma"]
     assert np.sqrt(np.diag(predicted)) == pytest.approx(ideal, rel=0.005)

@@ -21,7 +21,7 @@ from omm_core.files.part import load_part
 from omm_core.geometry import RigidTransform
 from omm_core.imaging.calibration import load_calibration
 from omm_core.machine.kinematics import Kinematics
-from omm_core.planning.guide import Correction, Guide
+from omm_core.planning.guide import Guide, StopCorrection
 from omm_core.planning.plan_file import guide_from_plan
 
 Found = Mapping[int, tuple[NDArray[np.float64], float]]
@@ -85,7 +85,7 @@ class Guiding:
 
     def correction(
         self, request: int, image_ns: int, machine_T_spindle: RigidTransform
-    ) -> Correction | None:
+    ) -> StopCorrection | None:
         """Return what the program is to be told; None where the estimator was silent."""
         with self._lock:
             found = self._found.get(image_ns)

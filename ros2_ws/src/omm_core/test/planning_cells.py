@@ -12,13 +12,13 @@ from omm_core.imaging.lens import BrownPhotogrammetric
 from omm_core.imaging.taking import Body, Imaging
 from omm_core.machine.kinematics import Kinematics
 from omm_core.machine.urdf import Joint, Robot
-from omm_core.planning.scene import Noise, Scene
+from omm_core.planning.scene import AssumedNoise, Scene
 
 MACHINE = Machine(name="mill", urdf=Path("mill.urdf"))
-REAL = Noise(
+REAL = AssumedNoise(
     image_sigma_px=0.005, stop_sigma_mm=0.003, geometry_sigma_mm=0.015, geometry_length_mm=700.0
 )
-EXACT = Noise(
+EXACT = AssumedNoise(
     image_sigma_px=0.05, stop_sigma_mm=0.0, geometry_sigma_mm=0.0, geometry_length_mm=700.0
 )
 CORNERS = ((0.0, 0.0), (1500.0, 0.0), (1500.0, 1000.0), (0.0, 1000.0))

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from omm_core.budget.campaign import Measured, evaluate_campaign, point_studies
+from omm_core.budget.campaign import MeasuredRun, evaluate_campaign, point_studies
 from omm_core.budget.gauge import drift, gauge_capability, type_1
 from omm_core.errors import InputError
 from omm_core.geometry import RigidTransform
@@ -22,7 +22,7 @@ def campaign(random, clampings=10, repeats=10, clamping=0.0, scale=1.0, slope=0.
         for n in range(repeats):
             off = turned + random.normal(size=7) * scale * SIGMA + slope * k * SIGMA
             measured.append(
-                Measured(
+                MeasuredRun(
                     clamping=k,
                     repeat=n,
                     theta=THETA + off,
@@ -138,7 +138,7 @@ def test_points_move_as_the_pose_does() -> None:
 def test_angles_about_a_half_turn_do_not_jump() -> None:
     random = np.random.default_rng(8)
     measured = [
-        Measured(
+        MeasuredRun(
             clamping=k,
             repeat=1,
             theta=np.where(np.arange(7) == 0, (np.pi + a + np.pi) % (2 * np.pi) - np.pi, 0.0),

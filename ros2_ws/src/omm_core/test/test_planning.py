@@ -14,7 +14,7 @@ from omm_core.imaging.taking import Body, Imaging
 from omm_core.planning.collision import CLEARANCE_MM, clearance_mm
 from omm_core.planning.plan import make_plan
 from omm_core.planning.timing import Pace
-from omm_core.planning.wish import Wish, smallest_bumps_mm
+from omm_core.planning.wish import PlanWish, smallest_bumps_mm
 
 CAMERA = camera(
     Imaging(exposure_s=0.01, focus_mm=(250.0, 400.0), max_tilt_rad=0.5),
@@ -26,7 +26,7 @@ TIGHT = kinematics(((0.0, 1900.0), (0.0, 1300.0), (300.0, 900.0)))
 @pytest.fixture(scope="module")
 def plan():
     cell = scene(calibration=CAMERA, kinematics=TIGHT, at=(150.0, 120.0, 100.0))
-    return make_plan(cell, MACHINE, Wish(place_mm=0.05, angle_mm_per_m=0.05))
+    return make_plan(cell, MACHINE, PlanWish(place_mm=0.05, angle_mm_per_m=0.05))
 
 
 def in_camera(plan, stop):
@@ -71,7 +71,7 @@ def test_the_body_keeps_clear_of_a_box_higher_than_its_targets():
     tall = replace(part(), box_mm=np.array([[0.0, 0.0, -50.0], [1500.0, 1000.0, 500.0]]))
     # Straight in front a target would be in focus where the camera stood in the box.
     made = make_plan(
-        scene(part=tall, calibration=replace(CAMERA, imaging=Imaging())), MACHINE, Wish()
+        scene(part=tall, calibration=replace(CAMERA, imaging=Imaging())), MACHINE, PlanWish()
     )
     body = CAMERA.body
     around = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
@@ -100,9 +100,9 @@ def test_clearance_is_the_distance_of_cylinder_and_box():
 
 def test_where_only_images_are_noisy_more_of_them_are_taken_until_the_wish_is_reached():
     cell = scene(EXACT, part=part(sigma_mm=0.0))
-    loose = make_plan(cell, MACHINE, Wish())
+    loose = make_plan(cell, MACHINE, PlanWish())
     wanted = 0.75 * float(loose.corner_U_mm.max())
-    made = make_plan(cell, MACHINE, Wish(point_mm=wanted))
+    made = make_plan(cell, MACHINE, PlanWish(point_mm=wanted))
     assert made.reached
     assert made.corner_U_mm.max() <= wanted
     assert len(made.stops) > len(loose.stops)
@@ -110,7 +110,7 @@ def test_where_only_images_are_noisy_more_of_them_are_taken_until_the_wish_is_re
 
 
 def test_where_images_cannot_help_more_or_better_targets_are_named():
-    made = make_plan(scene(), MACHINE, Wish(place_mm=0.01, angle_mm_per_m=0.01))
+    made = make_plan(scene(), MACHINE, PlanWish(place_mm=0.01, angle_mm_per_m=0.01))
     assert not made.reached
     assert "not reached" in made.findings[0]
     assert "More or better targets" in made.findings[0]
@@ -120,10 +120,10 @@ def test_where_images_cannot_help_more_or_better_targets_are_named():
 
 def test_a_bump_that_is_wanted_is_noticed_or_the_plan_says_which_targets_hide_it():
     cell = scene()
-    can = make_plan(cell, MACHINE, Wish(bump_mm=0.35))
+    can = make_plan(cell, MACHINE, PlanWish(bump_mm=0.35))
     assert can.reached
     assert max(can.bumps_mm.values()) <= 0.35
-    cannot = make_plan(cell, MACHINE, Wish(bump_mm=0.05))
+    cannot = make_plan(cell, MACHINE, PlanWish(bump_mm=0.05))
     assert not cannot.reached
     assert "bump of target" in cannot.findings[0]
 
@@ -156,20 +156,20 @@ def test_targets_that_determine_no_pose_are_no_plan(places):
     flat = replace(
         flat, targets=tuple(replace(t, xyz_mm=t.xyz_mm * [1, 1, 0]) for t in flat.targets)
     )
-    made = make_plan(scene(part=flat), MACHINE, Wish())
+    made = make_plan(scene(part=flat), MACHINE, PlanWish())
     assert not made.reached
     assert "not determined" in made.findings[0]
 
 
 def test_a_part_out_of_reach_is_told_with_its_reason():
     with pytest.raises(MeasurementError, match="axis X would be over its limit"):
-        make_plan(scene(at=(9000.0, 0.0, 0.0)), MACHINE, Wish())
+        make_plan(scene(at=(9000.0, 0.0, 0.0)), MACHINE, PlanWish())
 
 
 def test_what_is_not_told_and_rests_on_belief_is_told():
     bare = part()
     bare = replace(bare, targets=tuple(replace(t, sigma_xyz_mm=None) for t in bare.targets))
-    told = " ".join(make_plan(scene(part=bare), MACHINE, Wish()).findings)
+    told = " ".join(make_plan(scene(part=bare), MACHINE, PlanWish()).findings)
     for words in (
         "no focus",
         "no max_tilt_rad",

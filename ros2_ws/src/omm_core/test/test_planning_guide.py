@@ -8,14 +8,14 @@ from omm_core.geometry import RigidTransform, rotation_from_euler_xyz_rad
 from omm_core.planning.guide import AS_PLANNED, CORRECTED, NOTHING_SEEN, Guide, GuidedStop
 from omm_core.planning.plan import make_plan
 from omm_core.planning.plan_program import TRIES_OF_A_SEARCH, look_from_afar
-from omm_core.planning.sightings import Sighting, predicted_sightings
+from omm_core.planning.sightings import PredictedSighting, predicted_sightings
 from omm_core.planning.views import views
-from omm_core.planning.wish import Wish
+from omm_core.planning.wish import PlanWish
 
 
 @pytest.fixture(scope="module")
 def plan():
-    return make_plan(scene(REAL, at=(600.0, 400.0, -50.0)), MACHINE, Wish())
+    return make_plan(scene(REAL, at=(600.0, 400.0, -50.0)), MACHINE, PlanWish())
 
 
 def led(plan, true_scene, limit_mm, random):
@@ -46,7 +46,9 @@ def look_at(true_scene, spindle, random):
     if not len(visible):
         return {}
     sightings = [
-        Sighting(machine_T_spindle=spindle, row=row, center_px=np.zeros(2), diameter_px=1.0)
+        PredictedSighting(
+            machine_T_spindle=spindle, row=row, center_px=np.zeros(2), diameter_px=1.0
+        )
         for row in visible
     ]
     pixels, diameters = predicted_sightings(true_scene, true_scene.gamma_s_rad, sightings)
@@ -133,7 +135,7 @@ def test_parts_without_normals_are_led_by_directions_alone():
     bare = part()
     targets = tuple(type(t)(**{**t.__dict__, "normal": None}) for t in bare.targets[:2])
     cell = scene(part=type(bare)(**{**bare.__dict__, "targets": targets}))
-    sighting = Sighting(
+    sighting = PredictedSighting(
         machine_T_spindle=cell.kinematics.machine_T_spindle({"X": 100.0, "Y": 100.0, "Z": 520.0}),
         row=0, center_px=np.zeros(2), diameter_px=70.0,
     )  # fmt: skip

@@ -10,7 +10,7 @@ from planning_cells import EXACT, REAL, part, scene
 from omm_core.machine_errors import draw_geometry, draw_stop_noise, geometry_covariance
 from omm_core.planning.candidates import find_candidates
 from omm_core.planning.prediction import designs, own_covariances
-from omm_core.planning.wish import Wish, Yardstick
+from omm_core.planning.wish import PlanWish, Yardstick
 
 
 def planned(cell, stops=10, seed=3):
@@ -33,7 +33,7 @@ def test_own_covariance_is_that_of_the_independent_solver(noise, turned):
     spindles, seen = planned(cell)
     design = designs(cell, spindles, seen)
     covariance = own_covariances(design, noise, np.arange(len(spindles))[None])[0]
-    theta = Yardstick.of(cell, Wish()).theta_covariance(covariance)
+    theta = Yardstick.of(cell, PlanWish()).theta_covariance(covariance)
     stop, target = np.nonzero(seen.visible)
     near = np.array([*turned, *cell.machine_T_part.translation_mm, 0.0])
     places = np.array([s.translation_mm for s in spindles])

@@ -13,7 +13,7 @@ from omm_core.planning.plan import make_plan
 from omm_core.planning.prediction import designs
 from omm_core.planning.quickest import quickest
 from omm_core.planning.timing import Pace, rest_to_rest_s
-from omm_core.planning.wish import Wish, Yardstick
+from omm_core.planning.wish import PlanWish, Yardstick
 
 SMALL = tuple((40.0 * (i % 4), 40.0 * (i // 4)) for i in range(8))
 
@@ -30,8 +30,8 @@ def pool_of(cell, candidates, wish):  # type: ignore[no-untyped-def]
 
 @pytest.mark.parametrize("wish", [{"point_mm": 0.05}, {"point_mm": 0.06, "bump_mm": 0.35}])
 def test_less_time_than_the_fewest_images_and_the_wish_is_kept(wish) -> None:  # type: ignore[no-untyped-def]
-    fewest = make_plan(scene(REAL), MACHINE, Wish(**wish))
-    quick = make_plan(scene(REAL), MACHINE, Wish(**wish, least_time=True))
+    fewest = make_plan(scene(REAL), MACHINE, PlanWish(**wish))
+    quick = make_plan(scene(REAL), MACHINE, PlanWish(**wish, least_time=True))
     assert quick.reached
     assert quick.seconds < fewest.seconds - 1.0
     assert quick.corner_U_mm.max() <= wish["point_mm"]
@@ -44,15 +44,15 @@ def test_less_time_than_the_fewest_images_and_the_wish_is_kept(wish) -> None:  #
 
 def test_what_cannot_be_reached_is_left_as_it_is() -> None:
     wish = {"point_mm": 0.001}
-    best = make_plan(scene(REAL), MACHINE, Wish(**wish))
-    quick = make_plan(scene(REAL), MACHINE, Wish(**wish, least_time=True))
+    best = make_plan(scene(REAL), MACHINE, PlanWish(**wish))
+    quick = make_plan(scene(REAL), MACHINE, PlanWish(**wish, least_time=True))
     assert not quick.reached
     assert quick.corner_U_mm.max() == pytest.approx(best.corner_U_mm.max(), rel=0.1)
 
 
 def test_of_all_pairs_of_stops_it_finds_one_of_the_quickest() -> None:
     cell = scene(REAL, part=part(SMALL, 0.005), at=(300, 300, 0))
-    wish = Wish(point_mm=0.05, least_time=True)
+    wish = PlanWish(point_mm=0.05, least_time=True)
     candidates, _ = find_candidates(cell, rotary_positions(cell)[:1])
     pool = pool_of(cell, candidates, wish)
     pace = Pace.of(MACHINE, cell.kinematics)
@@ -88,19 +88,19 @@ def test_a_camera_that_would_meet_a_part_that_lies_higher_is_told() -> None:
     body = Body(radius_mm=40.0, z_mm=(-330.0, 0.0))
     # In focus from 60 to 85 mm: the body, 10 mm longer than the camera, is that near.
     eye = camera(Imaging(focus_mm=(60.0, 85.0)), body)
-    plan = make_plan(scene(REAL, part=part(box_mm=box), calibration=eye), MACHINE, Wish())
+    plan = make_plan(scene(REAL, part=part(box_mm=box), calibration=eye), MACHINE, PlanWish())
     by_words = {place.words: place.clearance_mm for place in plan.elsewhere}
     assert by_words["z +50 mm"] == 0.0
     assert by_words["z -50 mm"] > 50.0
     told = [words for words in plan.findings if "the camera would meet its box" in words]
     assert "z +50 mm" in told[0]
-    free = make_plan(scene(REAL), MACHINE, Wish())
+    free = make_plan(scene(REAL), MACHINE, PlanWish())
     assert not [words for words in free.findings if "would meet" in words]
 
 
 def test_a_part_larger_than_the_machine_is_told_with_the_axis_and_no_more() -> None:
     short = kinematics(((-1000.0, 700.0), (-1000.0, 2000.0), (-500.0, 1500.0)))
-    plan = make_plan(scene(REAL, kinematics=short), MACHINE, Wish(point_mm=0.05))
+    plan = make_plan(scene(REAL, kinematics=short), MACHINE, PlanWish(point_mm=0.05))
     assert not plan.reached
     assert "seen can be 2 of 4" in plan.findings[0]
     assert "axis X would be over its limit" in plan.findings[0]

@@ -8,7 +8,7 @@ from omm_core.adjustment import rigid_directions
 from omm_core.errors import MeasurementError
 from omm_core.survey.circles import circles_of, eccentricities
 from omm_core.survey.datum import frame_of_nominal, frame_of_three, free_frame
-from omm_core.survey.noise import Noise, estimated
+from omm_core.survey.noise import RayNoise, estimated
 from omm_core.survey.sighting import Sighting
 
 
@@ -77,7 +77,7 @@ def test_variance_components_are_found_again():
     scale, floor = np.where(kinds == "coded", 1.5, 0.8), np.where(kinds == "coded", 0.0, 0.01)
     free = rng.uniform(0.3, 0.9, (m, 2))
     spread = np.sqrt(free * (scale**2 * sigma**2 + floor**2)[:, None])
-    noise = estimated(rng.normal(size=(m, 2)) * spread, free, detector, kinds, Noise())
+    noise = estimated(rng.normal(size=(m, 2)) * spread, free, detector, kinds, RayNoise())
     assert noise.of["coded"].scale == pytest.approx(1.5, rel=0.06)
     assert noise.of["coded"].floor_px < 0.004
     assert noise.of["plain"].scale == pytest.approx(0.8, rel=0.1)

@@ -10,7 +10,7 @@ from pypdfium2 import PdfDocument
 from omm_core.budget.box_map import BoxMap
 from omm_core.budget.budget import evaluate
 from omm_core.budget.budget_file import NamedPoint
-from omm_core.budget.campaign import Measured, evaluate_campaign
+from omm_core.budget.campaign import MeasuredRun, evaluate_campaign
 from omm_core.budget.evaluation import Contribution, standard
 from omm_core.budget.probing import check_probing
 from omm_core.files.probed import ProbedPoint
@@ -41,7 +41,7 @@ def campaign_pdf() -> bytes:
     random = np.random.default_rng(1)
     cov = np.eye(7) * 1e-6
     measured = [
-        Measured(clamping=k, repeat=n, theta=random.normal(size=7) * 1e-3, covariance=cov)
+        MeasuredRun(clamping=k, repeat=n, theta=random.normal(size=7) * 1e-3, covariance=cov)
         for k in range(3)
         for n in range(2)
     ]

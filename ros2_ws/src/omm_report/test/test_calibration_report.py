@@ -7,7 +7,7 @@ import numpy as np
 import pikepdf
 
 from omm_core.camera_calibration.model import Sensor
-from omm_core.camera_calibration.result import CalibrationResult, Observation
+from omm_core.camera_calibration.result import CalibrationResult, DotObservation
 from omm_core.camera_calibration.seven import result_sigma
 from omm_report.calibration_figures import calibration_figures, write_pictures
 from omm_report.calibration_report import calibration_document
@@ -18,7 +18,9 @@ def _result() -> CalibrationResult:
     camera = np.array([6.2, -8, 27, 3e-8, -2e-15, -6e-8, 3e-7, -2, 0.3, -320, 3.13, -0.009, 0.03])
     sigma = np.array([1e-4, 0.1, 0.1, 1e-11, 1e-18, 1e-9, 1e-9, 1e-3, 1e-3, 500, 1e-5, 1e-5, 1e-5])
     seen = tuple(
-        Observation(image=str(i), pixel=np.array([90.0 * i, 70.0 * i]), residual_px=np.ones(2) / 99)
+        DotObservation(
+            image=str(i), pixel=np.array([90.0 * i, 70.0 * i]), residual_px=np.ones(2) / 99
+        )
         for i in range(20)
     )
     return CalibrationResult(

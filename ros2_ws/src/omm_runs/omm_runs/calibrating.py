@@ -15,7 +15,7 @@ from omm_core.camera_calibration.cmm import calibrate_by_places
 from omm_core.camera_calibration.machine import calibrate_by_run
 from omm_core.camera_calibration.model import PARAMETERS, Sensor, project_with_derivatives
 from omm_core.camera_calibration.result import CalibrationResult
-from omm_core.camera_calibration.single_dot import PlainDot
+from omm_core.camera_calibration.single_dot import SingleDot
 from omm_core.camera_calibration.which_dot import agreeing_things
 from omm_core.errors import InputError
 from omm_core.files.calibration_set import CmmSet, MachineSet, load_calibration_set
@@ -131,7 +131,7 @@ def _calibrate_images(given: CmmSet, sensor: Sensor) -> CalibrationResult:
 
 
 def _other_size(
-    given: CmmSet, result: CalibrationResult, chosen: list[PlainDot | None]
+    given: CmmSet, result: CalibrationResult, chosen: list[SingleDot | None]
 ) -> tuple[str, ...]:
     """Return a finding where the dot in the images is of another size than the set says."""
     optical = rotation_from_euler_xyz_rad(*result.camera[10:])[:, 2]
@@ -147,7 +147,7 @@ def _other_size(
     )
 
 
-def _from_dots(given: CmmSet, sensor: Sensor, chosen: list[PlainDot | None]) -> CalibrationResult:
+def _from_dots(given: CmmSet, sensor: Sensor, chosen: list[SingleDot | None]) -> CalibrationResult:
     there = [(i, dot) for i, dot in enumerate(chosen) if dot is not None]
     return _by_places(
         given,
@@ -158,7 +158,9 @@ def _from_dots(given: CmmSet, sensor: Sensor, chosen: list[PlainDot | None]) -> 
     )
 
 
-def _that_agree(given: CmmSet, sensor: Sensor, dots: list[list[PlainDot]]) -> list[PlainDot | None]:
+def _that_agree(
+    given: CmmSet, sensor: Sensor, dots: list[list[SingleDot]]
+) -> list[SingleDot | None]:
     """Return of each image the thing that agrees with those of the others; else the largest."""
     which = agreeing_things(
         sensor,
@@ -173,8 +175,8 @@ def _that_agree(given: CmmSet, sensor: Sensor, dots: list[list[PlainDot]]) -> li
 
 
 def _where_it_must_be(
-    given: CmmSet, sensor: Sensor, dots: list[list[PlainDot]], camera: Array
-) -> list[PlainDot | None]:
+    given: CmmSet, sensor: Sensor, dots: list[list[SingleDot]], camera: Array
+) -> list[SingleDot | None]:
     predicted = project_with_derivatives(sensor, camera, given.places_mm[:, None])[0]
     return nearest_dots(dots, predicted, _REACH_PX)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from omm_core.budget.campaign import Campaign, Measured, evaluate_campaign
+from omm_core.budget.campaign import Campaign, MeasuredRun, evaluate_campaign
 from omm_core.budget.campaign_file import CampaignFile, load_campaign_file
 from omm_core.errors import InputError, MeasurementError
 from omm_core.files.part import Part
@@ -80,7 +80,7 @@ def _expect_one_part(parts: Sequence[tuple[str, Part]]) -> None:
             )
 
 
-def _expect_no_copies(measured: Sequence[Measured]) -> None:
+def _expect_no_copies(measured: Sequence[MeasuredRun]) -> None:
     """Refuse the same recording under two names: noise never comes twice to the last digit."""
     seen: dict[bytes, str] = {}
     for one in measured:
@@ -110,7 +110,7 @@ def _tasks(file: CampaignFile) -> list[_Task]:
     ]
 
 
-def _solved(task: _Task) -> tuple[Measured, Part, tuple[float, ...]]:
+def _solved(task: _Task) -> tuple[MeasuredRun, Part, tuple[float, ...]]:
     """Return what a run measured, of which part, and the calibration it was solved with."""
     options = SolveRunOptions(part_file=task.part, calibration_file=task.calibration, threads=1)
     run = solve_run(task.run, options)
@@ -121,7 +121,7 @@ def _solved(task: _Task) -> tuple[Measured, Part, tuple[float, ...]]:
     used = [o for o, use in zip(solution.observations, solution.used) if use]
     # Backlash makes 6D's residuals large: nothing is left out or refused for that here.
     six = solve(used, run.part, run.calibration, SolveOptions(model="6d", find_errors=False))
-    measured = Measured(
+    measured = MeasuredRun(
         clamping=task.clamping,
         repeat=task.repeat,
         theta=np.array(solution.theta),

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_core.camera_calibration.single_dot import PlainDot, find_bright_dots
+from omm_core.camera_calibration.single_dot import SingleDot, find_bright_dots
 from omm_core.errors import InputError
 from omm_core.files.outside import read_bytes
 
@@ -22,7 +22,7 @@ _STILL_PX, _STILL_IMAGES, _STILL_PART = 3.0, 4, 0.25
 
 def dots_of_images(
     folder: Path, images: tuple[str, ...], shape: tuple[int, int]
-) -> list[list[PlainDot]]:
+) -> list[list[SingleDot]]:
     """Return the bright round things in each image.
 
     Raises
@@ -30,7 +30,7 @@ def dots_of_images(
     InputError
         If an image is missing, damaged or of another size.
     """
-    found: list[list[PlainDot]] = []
+    found: list[list[SingleDot]] = []
     with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
         for dots in pool.map(lambda name: find_bright_dots(_read(folder / name, shape)), images):
             found.append(dots)
@@ -56,7 +56,7 @@ def _read(path: Path, shape: tuple[int, int]) -> NDArray[Any]:
     return np.ascontiguousarray(image)
 
 
-def without_what_stands_still(dots: list[list[PlainDot]]) -> list[list[PlainDot]]:
+def without_what_stands_still(dots: list[list[SingleDot]]) -> list[list[SingleDot]]:
     """Return what is bright without what is at one place of the image whatever the dot does.
 
     A reflection of the camera's own light, a lamp seen in the machine: they are seen at the same
@@ -69,7 +69,7 @@ def without_what_stands_still(dots: list[list[PlainDot]]) -> list[list[PlainDot]
     beside = np.array([len(of_image) > 1 for of_image in dots for _ in of_image])
     often = max(_STILL_IMAGES, _STILL_PART * len(dots))
 
-    def still(dot: PlainDot) -> bool:
+    def still(dot: SingleDot) -> bool:
         near = np.linalg.norm(places - dot.center_px, axis=1) < _STILL_PX
         # Seen alone in most images, it is the dot, taken at one place again and again.
         return bool(near.sum() >= often and 2 * beside[near].sum() > near.sum())
@@ -77,7 +77,7 @@ def without_what_stands_still(dots: list[list[PlainDot]]) -> list[list[PlainDot]
     return [[dot for dot in of_image if not still(dot)] for of_image in dots]
 
 
-def likely_dots(dots: list[list[PlainDot]], least: int) -> list[PlainDot | None]:
+def likely_dots(dots: list[list[SingleDot]], least: int) -> list[SingleDot | None]:
     """Return of each image the dot to begin with: what is seen alone, else the largest.
 
     Where enough images show one thing alone, the others are left for later.
@@ -88,10 +88,10 @@ def likely_dots(dots: list[list[PlainDot]], least: int) -> list[PlainDot | None]
 
 
 def nearest_dots(
-    dots: list[list[PlainDot]], predicted: NDArray[np.float64], reach_px: float
-) -> list[PlainDot | None]:
+    dots: list[list[SingleDot]], predicted: NDArray[np.float64], reach_px: float
+) -> list[SingleDot | None]:
     """Return of each image the dot nearest to where it must be; None where none is near."""
-    chosen: list[PlainDot | None] = []
+    chosen: list[SingleDot | None] = []
     for candidates, place in zip(dots, predicted, strict=True):
         away = [float(np.linalg.norm(dot.center_px - place)) for dot in candidates]
         near = int(np.argmin(away)) if away else -1

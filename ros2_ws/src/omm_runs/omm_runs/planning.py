@@ -16,8 +16,8 @@ from omm_core.machine.kinematics import Kinematics
 from omm_core.part_pose import SolveOptions
 from omm_core.part_pose.machine_noise import MachineNoise, noise_grid, summarise
 from omm_core.planning.plan import Plan, make_plan
-from omm_core.planning.scene import Noise, Scene
-from omm_core.planning.wish import Wish
+from omm_core.planning.scene import AssumedNoise, Scene
+from omm_core.planning.wish import PlanWish
 from omm_runs.solving import SolveRunOptions, solve_run
 
 
@@ -31,7 +31,7 @@ class PlanRequest:
     part_at_mm: tuple[float, float, float] | None = None
     part_turned_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
     near: Path | None = None
-    wish: Wish = field(default_factory=Wish)
+    wish: PlanWish = field(default_factory=PlanWish)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -133,7 +133,7 @@ def _prior(part: Part) -> MachineUncertainty:
 
 def _noise(
     declared: MachineUncertainty, place: _Place, part: Part
-) -> tuple[Noise, tuple[str, ...]]:
+) -> tuple[AssumedNoise, tuple[str, ...]]:
     """Return what is declared, else what the run showed, else the prior's median; and say which."""
     prior, seen = _prior(part), place.machine
     values, told = {}, []
@@ -152,4 +152,4 @@ def _noise(
             " from 1.5 times the size on (docs/planning.md)."
         )
     image = {} if place.image_sigma_px is None else {"image_sigma_px": place.image_sigma_px}
-    return Noise(**values, **image), tuple(told)
+    return AssumedNoise(**values, **image), tuple(told)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from omm_core.budget.campaign import Measured, evaluate_campaign, point_studies
+from omm_core.budget.campaign import MeasuredRun, evaluate_campaign, point_studies
 from omm_core.budget.machine import geometry_left_mm
 from omm_core.errors import InputError
 from omm_core.geometry import RigidTransform
@@ -259,7 +259,7 @@ def test_u_ip_of_a_campaign_has_the_degrees_of_freedom_that_it_has(
     random = np.random.default_rng(3)
     sigma = np.array([4e-6, 3e-6, 1e-6, 0.002, 0.003, 0.006, 1e-5])
     measured = [
-        Measured(
+        MeasuredRun(
             clamping=k,
             repeat=n,
             theta=np.array([0.0, 0, 0, 10, 20, 30, 0]) + random.normal(size=7) * sigma,
@@ -300,7 +300,7 @@ def test_the_larger_of_run_and_campaign_counts(
     random = np.random.default_rng(4)
     sigma = np.array([1e-9, 1e-9, 1e-9, 0.1, 1e-7, 1e-7, 1e-9])
     measured = [
-        Measured(
+        MeasuredRun(
             clamping=k,
             repeat=1,
             theta=np.array([0.0, 0, 0, 10, 20, 30, 0]) + random.normal(size=7) * sigma,

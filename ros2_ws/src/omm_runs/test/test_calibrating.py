@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from omm_core.camera_calibration.model import PARAMETERS, Sensor, project_with_derivatives
-from omm_core.camera_calibration.single_dot import PlainDot
+from omm_core.camera_calibration.single_dot import SingleDot
 from omm_core.errors import InputError
 from omm_core.files.calibration_set import load_calibration_set
 from omm_core.geometry import rotation_from_euler_xyz_rad
@@ -131,7 +131,7 @@ def test_the_shared_images_are_calibrated_within_what_is_told():
 
 def dot(col, row, diameter=20.0):
     centre = np.array([col, row])
-    return PlainDot(center_px=centre, covariance_px2=np.eye(2) * 1e-4, diameter_px=diameter)
+    return SingleDot(center_px=centre, covariance_px2=np.eye(2) * 1e-4, diameter_px=diameter)
 
 
 def test_a_reflection_that_stands_still_is_not_the_dot():

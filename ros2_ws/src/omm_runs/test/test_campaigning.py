@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omm_core.budget.campaign import Measured
+from omm_core.budget.campaign import MeasuredRun
 from omm_core.errors import InputError
 from omm_core.files.part import Part, Target
 from omm_runs import campaigning
@@ -25,7 +25,7 @@ CAMERA = (6.189, -8.7)
 
 def solved(number: int):  # type: ignore[no-untyped-def]
     theta = np.random.default_rng(number).normal(size=7) * 1e-3
-    one = Measured(
+    one = MeasuredRun(
         clamping=number, repeat=1, theta=theta, covariance=np.eye(7) * 1e-6, name=f"run {number}"
     )
     return one, PART, CAMERA

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from omm_core.budget.campaign import Measured
+from omm_core.budget.campaign import MeasuredRun
 from omm_core.budget.campaign_file import THETA
 from omm_core.errors import InputError, MeasurementError
 from omm_core.part_pose import Solution, SolveOptions, solve
@@ -55,7 +55,7 @@ class ClampingSettings:
             )
 
 
-def measure_clampings(settings: ClampingSettings, clampings: Sequence[int]) -> list[Measured]:
+def measure_clampings(settings: ClampingSettings, clampings: Sequence[int]) -> list[MeasuredRun]:
     """Measure some clampings, by their numbers from 1; equal settings give equal results.
 
     Raises
@@ -73,7 +73,7 @@ def measure_clampings(settings: ClampingSettings, clampings: Sequence[int]) -> l
 
 def _measured(
     scenario: Scenario, settings: ClampingSettings, clamping: int, repeat: int
-) -> Measured:
+) -> MeasuredRun:
     cell = draw(scenario, settings.seed, clamping_seed=settings.seed + clamping, repeat=repeat)
     name = f"clamping {clamping}, repeat {repeat}"
     if settings.images:
@@ -91,7 +91,7 @@ def _measured(
         options = SolveOptions(model="6d", find_errors=False)
         theta_6d = solve(solution.observations, scenario.part, scenario.calibration, options).theta
     own = cell.theta_own()
-    return Measured(
+    return MeasuredRun(
         clamping=clamping,
         repeat=repeat,
         theta=solution.theta,

@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Plan, print, and write what was asked for; 1 where the wish cannot be reached."""
     from omm_core.errors import InputError, MeasurementError
-    from omm_core.planning.wish import Wish
+    from omm_core.planning.wish import PlanWish
     from omm_report.plan_output import PlanOutputs, write_no_plan, write_plan
     from omm_report.plan_text import plan_text
     from omm_runs.planning import PlanRequest, plan_of
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
         part_at_mm=None if args.part_at is None else tuple(args.part_at),
         part_turned_rad=tuple(args.part_turned or (0.0, 0.0, 0.0)),
         near=args.near,
-        wish=Wish(
+        wish=PlanWish(
             place_mm=place,
             angle_mm_per_m=angle,
             point_mm=args.want_point,

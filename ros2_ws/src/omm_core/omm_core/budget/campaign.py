@@ -28,7 +28,7 @@ _ANGLES = [0, 1, 2, 6]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Measured:
+class MeasuredRun:
     """One measurement of a campaign, solved.
 
     Attributes
@@ -84,7 +84,7 @@ class QuantityStudy:
 class Campaign:
     """A campaign evaluated; ``prediction`` is None where nothing can be compared."""
 
-    measured: tuple[Measured, ...]
+    measured: tuple[MeasuredRun, ...]
     clampings: int
     repeats: tuple[int, ...]
     quantities: tuple[QuantityStudy, ...]
@@ -96,7 +96,7 @@ class Campaign:
         return next(one for one in self.quantities if one.name == name)
 
 
-def groups_of(measured: Sequence[Measured], values: Array) -> list[Array]:
+def groups_of(measured: Sequence[MeasuredRun], values: Array) -> list[Array]:
     """Return values (N,) by clamping, both in order."""
     order = sorted(range(len(measured)), key=lambda i: (measured[i].clamping, measured[i].repeat))
     found: dict[int, list[float]] = {}
@@ -106,7 +106,7 @@ def groups_of(measured: Sequence[Measured], values: Array) -> list[Array]:
 
 
 def evaluate_campaign(
-    measured: Sequence[Measured],
+    measured: Sequence[MeasuredRun],
     *,
     tolerances: Mapping[str, float] | None = None,
     reference: Mapping[str, float] | None = None,
@@ -148,12 +148,12 @@ def evaluate_campaign(
     )
 
 
-def mean_theta(measured: Sequence[Measured]) -> Array:
+def mean_theta(measured: Sequence[MeasuredRun]) -> Array:
     """Return the mean θ (7,) of all measurements."""
     return np.asarray(_unwrapped([m.theta for m in measured]).mean(axis=0))
 
 
-def point_studies(measured: Sequence[Measured], xyz_mm: Array) -> list[list[OneFactor]]:
+def point_studies(measured: Sequence[MeasuredRun], xyz_mm: Array) -> list[list[OneFactor]]:
     """Return the analysis of points' machine coordinates: for each point (P, 3) its three axes."""
     values, _ = _values(measured)
     jacobian = pose_jacobian(mean_theta(measured).tolist(), xyz_mm)
@@ -165,7 +165,7 @@ def point_studies(measured: Sequence[Measured], xyz_mm: Array) -> list[list[OneF
     ]
 
 
-def _values(measured: Sequence[Measured]) -> tuple[Array, bool]:
+def _values(measured: Sequence[MeasuredRun]) -> tuple[Array, bool]:
     """Return θ (N, 7), as errors where the truth of all is known."""
     theta = _unwrapped([m.theta for m in measured])
     truths = [m.truth for m in measured if m.truth is not None]
@@ -185,7 +185,7 @@ def _unwrapped(thetas: Sequence[Array]) -> Array:
 
 
 def _quantity(
-    measured: Sequence[Measured],
+    measured: Sequence[MeasuredRun],
     values: Array,
     known: bool,
     index: int,
@@ -219,7 +219,7 @@ def _sigma(thetas: Sequence[Array], index: int) -> float:
     return float(np.std(_unwrapped(thetas)[:, index], ddof=1))
 
 
-def _prediction(measured: Sequence[Measured], values: Array, known: bool) -> Prediction | None:
+def _prediction(measured: Sequence[MeasuredRun], values: Array, known: bool) -> Prediction | None:
     """Compare with the predicted covariances; γ_s is left out where it truly differs."""
     size = 7 if known else 6
     covariances = np.array([m.covariance[:size, :size] for m in measured])

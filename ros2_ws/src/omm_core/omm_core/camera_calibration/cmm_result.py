@@ -11,7 +11,7 @@ from omm_core.adjustment import Solution
 from omm_core.camera_calibration.further_terms import further_terms, words_of_missed
 from omm_core.camera_calibration.model import Sensor
 from omm_core.camera_calibration.patterns import planes_of, residual_patterns, words_of_patterns
-from omm_core.camera_calibration.result import CalibrationResult, Observation
+from omm_core.camera_calibration.result import CalibrationResult, DotObservation
 from omm_core.camera_calibration.weeding import Weeded
 from omm_core.geometry import rotation_from_euler_xyz_rad
 
@@ -59,7 +59,7 @@ def result_of_places(
     if halves_chi2 is not None:
         extra |= {"halves_chi2": halves_chi2, "halves_degrees_of_freedom": 13}
     observations = (
-        Observation(image=image, pixel=pixel, residual_px=-residual, reason=reason)
+        DotObservation(image=image, pixel=pixel, residual_px=-residual, reason=reason)
         for image, pixel, residual, reason in zip(
             images, pixels, solution.residuals["pixels"], weeded.reasons, strict=True
         )

@@ -31,7 +31,7 @@ from omm_core.camera_calibration.openness import (
 from omm_core.camera_calibration.patterns import residual_patterns, words_of_patterns
 from omm_core.camera_calibration.result import (
     CalibrationResult,
-    Observation,
+    DotObservation,
     require_determined,
 )
 from omm_core.camera_calibration.weeding import Weeded, robust_inflation, weed
@@ -201,7 +201,7 @@ def _result(run: PlateRun, weeded: Weeded, assumed: dict[str, float]) -> Calibra
         degrees_of_freedom=solution.degrees_of_freedom,
         converged=solution.converged,
         observations=tuple(
-            Observation(
+            DotObservation(
                 image=str(o.stamp_ns),
                 target_id=o.target_id,
                 pixel=run.pixels[i],

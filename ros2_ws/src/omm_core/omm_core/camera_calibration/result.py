@@ -21,7 +21,7 @@ LARGEST_SIGMA_PX = 10.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Observation:
+class DotObservation:
     """One image of one dot: measured, and predicted minus measured (as solve tells it)."""
 
     image: str
@@ -60,7 +60,7 @@ class CalibrationResult:
     sigma0: float
     degrees_of_freedom: int
     converged: bool
-    observations: tuple[Observation, ...]
+    observations: tuple[DotObservation, ...]
     images: int
     covered_mm: tuple[float, float]
     findings: tuple[str, ...] = ()

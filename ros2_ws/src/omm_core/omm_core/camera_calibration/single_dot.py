@@ -26,7 +26,7 @@ _NO_RING = np.zeros(12, dtype=np.int64)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PlainDot:
+class SingleDot:
     """A bright dot: centre of its ellipse (col, row), covariance, mean diameter."""
 
     center_px: Array
@@ -34,7 +34,7 @@ class PlainDot:
     diameter_px: float
 
 
-def find_bright_dots(image: NDArray[Any]) -> list[PlainDot]:
+def find_bright_dots(image: NDArray[Any]) -> list[SingleDot]:
     """Return the bright round things in an image (H, W), uint8 or uint16; brightest first."""
     some = image[::4, ::4].astype(np.float32)
     background = float(np.median(some))
@@ -45,7 +45,7 @@ def find_bright_dots(image: NDArray[Any]) -> list[PlainDot]:
     saturation = float(np.iinfo(image.dtype).max)
     kept = image.view()
     kept.flags.writeable = False  # the form for which the kernels are compiled
-    dots: list[PlainDot] = []
+    dots: list[SingleDot] = []
     for level in _LEVELS:
         above = level * (highest - background)
         if above < _NOISES * noise and dots:
@@ -73,7 +73,7 @@ def _round_things(image: NDArray[Any], threshold: float) -> list[tuple[Array, fl
 
 def _fitted(
     image: NDArray[Any], centre: Array, radius: float, saturation: float
-) -> PlainDot | None:
+) -> SingleDot | None:
     round_px2 = 1.0 / radius**2
     shape, ok = dot_outline(image, np.array([*centre, round_px2, 0.0, round_px2, 1.0]))
     if not ok:
@@ -88,7 +88,7 @@ def _fitted(
         read, gain = fitted.noise(0.08)  # at least what rounding makes
     p = fitted.p
     axes = np.linalg.eigvalsh(np.array([[p[XX], p[XY]], [p[XY], p[YY]]]))
-    return PlainDot(
+    return SingleDot(
         center_px=p[:2].copy(),
         covariance_px2=fitted.covariance * max(fitted.misfit, 0.2),
         diameter_px=float(2.0 / np.prod(axes) ** 0.25),

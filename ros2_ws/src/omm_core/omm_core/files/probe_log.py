@@ -32,7 +32,7 @@ _INCH = re.compile(r"\b(INCH|INCHES|G20|G70)\b", re.IGNORECASE)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Touch:
+class LoggedTouch:
     """One touch of a log: its name, empty where none is told, and X Y Z, mm."""
 
     name: str
@@ -72,7 +72,7 @@ def with_log(
     )
 
 
-def read_probe_log(path: Path) -> tuple[Touch, ...]:
+def read_probe_log(path: Path) -> tuple[LoggedTouch, ...]:
     """Return all touches of a log.
 
     Raises
@@ -93,7 +93,7 @@ def read_probe_log(path: Path) -> tuple[Touch, ...]:
     return tuple(touches)
 
 
-def _touch(line: str, where: str, number: int) -> Touch | None:
+def _touch(line: str, where: str, number: int) -> LoggedTouch | None:
     if _INCH.search(line):
         raise InputError(f"{where}: expected mm, got a log in inches: {line.strip()!r}.")
     bare = line.split()
@@ -102,7 +102,7 @@ def _touch(line: str, where: str, number: int) -> Touch | None:
             raise InputError(
                 f"{where}: expected {_NINE} numbers (X Y Z A B C U V W), got {len(bare)}."
             )
-        return Touch(name="", place_mm=_place(bare[:3], where), line=number)
+        return LoggedTouch(name="", place_mm=_place(bare[:3], where), line=number)
     words = list(_WORD.finditer(line))
     if not words:
         return None
@@ -115,7 +115,9 @@ def _touch(line: str, where: str, number: int) -> Touch | None:
             " one line a touch (docs/budget.md)."
         )
     name = line[: words[0].start()].strip(" \t:;,|()")
-    return Touch(name=name, place_mm=_place([by_axis[axis] for axis in "XYZ"], where), line=number)
+    return LoggedTouch(
+        name=name, place_mm=_place([by_axis[axis] for axis in "XYZ"], where), line=number
+    )
 
 
 def _place(words: Sequence[str], where: str) -> Array:
@@ -126,8 +128,8 @@ def _place(words: Sequence[str], where: str) -> Array:
 
 
 def _by_name(
-    points: Sequence[ProbedPoint], touches: Sequence[Touch], path: Path
-) -> tuple[Touch, ...]:
+    points: Sequence[ProbedPoint], touches: Sequence[LoggedTouch], path: Path
+) -> tuple[LoggedTouch, ...]:
     """Return touches in the order of the points: the first of a name for its first point, ..."""
     known = {point.name for point in points}
     strange = [touch for touch in touches if touch.name not in known]

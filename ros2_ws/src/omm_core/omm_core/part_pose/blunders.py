@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_core.part_pose.fit import Fit, fit
+from omm_core.part_pose.fit import PoseFit, fit
 from omm_core.part_pose.grid_kernels import NoiseBlocks, bayes_factors
 from omm_core.part_pose.machine_noise import NoiseGrid, both_grids, geometry_lengths
 from omm_core.part_pose.naming import (
@@ -60,7 +60,7 @@ class BlunderSearch:
 
     Attributes
     ----------
-    fit : Fit
+    fit : PoseFit
         Of the observations that are left; with words where there is none to believe.
     posterior : Posterior or None
         Of these; None where nothing could be computed.
@@ -74,7 +74,7 @@ class BlunderSearch:
         Whether the residuals are larger than any machine explains.
     """
 
-    fit: Fit
+    fit: PoseFit
     posterior: Posterior | None
     dropped: NDArray[np.bool_]
     reasons: dict[int, Words]
@@ -99,7 +99,7 @@ def search_blunders(problem: Problem, options: SolveOptions) -> BlunderSearch:
 
 
 def _found(
-    current: Fit, problem: Problem, options: SolveOptions, before: BlunderSearch | None = None
+    current: PoseFit, problem: Problem, options: SolveOptions, before: BlunderSearch | None = None
 ) -> BlunderSearch:
     """Return what is found with a fit, and what was found before it."""
     estimated = None

@@ -21,7 +21,7 @@ _SAME_POSE_MM = 0.01
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Fit:
+class PoseFit:
     """A problem and its solution; ``missing`` says why there is none.
 
     ``minima`` are all poses that the least squares ended at, the best one first.
@@ -69,11 +69,13 @@ class Fit:
         return bool(largest <= self.statistics.w_limit)
 
 
-def fit(problem: Problem, options: SolveOptions, near: Sequence[Adjustment] | None = None) -> Fit:
+def fit(
+    problem: Problem, options: SolveOptions, near: Sequence[Adjustment] | None = None
+) -> PoseFit:
     """Return the fit of a problem, from nothing or next to the poses given."""
     missing = too_few(problem, options)
     if missing:
-        return Fit(problem=problem, options=options, missing=tuple(missing))
+        return PoseFit(problem=problem, options=options, missing=tuple(missing))
     if near is None:
         minima = adjust(problem, options)
     else:
@@ -84,13 +86,13 @@ def fit(problem: Problem, options: SolveOptions, near: Sequence[Adjustment] | No
             "all: no pose of the part was found from which the camera could have seen what it saw:"
             " check the part file, the calibration and the spindle poses.",
         )
-        return Fit(problem=problem, options=options, missing=(words,), unseen=True)
+        return PoseFit(problem=problem, options=options, missing=(words,), unseen=True)
     best = minima[0]
     try:
         propagation = propagate(problem, best, options)
     except np.linalg.LinAlgError:
         words_missing, _ = not_determined(problem, best, None, options)
-        return Fit(
+        return PoseFit(
             problem=problem,
             options=options,
             missing=tuple(words_missing),
@@ -107,7 +109,7 @@ def fit(problem: Problem, options: SolveOptions, near: Sequence[Adjustment] | No
                 "all: the least squares did not converge; take more images.",
             )
         )
-    return Fit(
+    return PoseFit(
         problem=problem,
         options=options,
         missing=tuple(words_missing),

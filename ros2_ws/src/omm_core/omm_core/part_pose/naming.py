@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.part_pose.adjustment import Adjustment
-from omm_core.part_pose.fit import Fit
+from omm_core.part_pose.fit import PoseFit
 from omm_core.part_pose.kernels import predict_all
 from omm_core.part_pose.problem import Indices, Problem
 from omm_core.words import Words, image_number, keyed, verbatim
@@ -27,7 +27,7 @@ def describe(
     problem: Problem,
     members: NDArray[np.bool_],
     kind: Literal["observation", "image", "target"],
-    without: Fit,
+    without: PoseFit,
 ) -> Words:
     """Return words for wrong observations, given the fit without them."""
     assert without.best is not None

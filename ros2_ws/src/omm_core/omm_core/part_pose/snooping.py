@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_core.part_pose.fit import Fit, fit
+from omm_core.part_pose.fit import PoseFit, fit
 from omm_core.part_pose.naming import cannot_tell_which, describe
 from omm_core.part_pose.observation import SolveOptions
 from omm_core.part_pose.problem import Problem
@@ -44,7 +44,7 @@ class SnoopingSearch:
 
     Attributes
     ----------
-    fit : Fit
+    fit : PoseFit
         Of the observations that are left.
     dropped : (N,) bool array
         Which of the first problem's observations are left out.
@@ -54,7 +54,7 @@ class SnoopingSearch:
         What was found wrong, for people.
     """
 
-    fit: Fit
+    fit: PoseFit
     dropped: NDArray[np.bool_]
     reasons: dict[int, Words]
     findings: tuple[Words, ...]
@@ -82,7 +82,7 @@ def search(problem: Problem, options: SolveOptions) -> SnoopingSearch:
             doubt = describe(problem, rival.members, rival.kind, without)
             contradiction = cannot_tell_which([words, doubt])
             return SnoopingSearch(
-                fit=Fit(problem=problem, options=options, missing=(contradiction,)),
+                fit=PoseFit(problem=problem, options=options, missing=(contradiction,)),
                 dropped=np.zeros(len(problem), dtype=bool), reasons={}, findings=(),
             )  # fmt: skip
         findings.append(words)
@@ -92,14 +92,14 @@ def search(problem: Problem, options: SolveOptions) -> SnoopingSearch:
     return SnoopingSearch(fit=current, dropped=dropped, reasons=reasons, findings=tuple(findings))
 
 
-def lost(first: Fit) -> bool:
+def lost(first: PoseFit) -> bool:
     """Return whether errors led the least squares to where nothing is determined."""
     return first.best is not None and not first.best.converged
 
 
 def _most_likely(
-    tried: list[tuple[Hypothesis, Fit]], current: Fit, options: SolveOptions
-) -> tuple[Hypothesis, Fit, Hypothesis | None] | None:
+    tried: list[tuple[Hypothesis, PoseFit]], current: PoseFit, options: SolveOptions
+) -> tuple[Hypothesis, PoseFit, Hypothesis | None] | None:
     """Return the best hypothesis, the fit without it, and a rival that nobody can tell from it."""
     explaining = [
         (hypothesis, without)
@@ -137,11 +137,11 @@ def _most_likely(
 def _fits_without(
     problem: Problem,
     dropped: NDArray[np.bool_],
-    current: Fit,
+    current: PoseFit,
     options: SolveOptions,
     *,
     astray: bool,
-) -> tuple[list[tuple[Hypothesis, Fit]], bool]:
+) -> tuple[list[tuple[Hypothesis, PoseFit]], bool]:
     """Return each hypothesis with the fit without what it is about.
 
     That is searched for next to the current fit. Where no hypothesis makes that one sound, the
@@ -170,9 +170,9 @@ def _fits_without(
 def _smaller_explanations(
     hypotheses: Sequence[Hypothesis],
     smaller: Sequence[Problem],
-    fits: Sequence[Fit],
+    fits: Sequence[PoseFit],
     options: SolveOptions,
-) -> list[Fit]:
+) -> list[PoseFit]:
     """Return the fits, those of parts of a hypothesis that is sound tried next to its pose, too.
 
     Near the current fit, all of a target may have to go before the pose is found that shows that
@@ -197,20 +197,20 @@ def _smaller_explanations(
     return better
 
 
-def _elsewhere(near: Fit, anew: Fit) -> bool:
+def _elsewhere(near: PoseFit, anew: PoseFit) -> bool:
     """Return whether the fit from nothing is better than the one next to the current fit."""
     return anew.determined and not (near.determined and near.cost <= anew.cost * (1.0 + 1e-6))
 
 
 def _fits_from_nothing(
     hypotheses: Sequence[Hypothesis], smaller: Sequence[Problem], options: SolveOptions
-) -> list[Fit]:
+) -> list[PoseFit]:
     """Return the fit of each problem.
 
     A pose that fits what one hypothesis leaves fits what a larger one leaves, too: it is among
     those found for the larger one, unless that leaves too little, and need not be searched again.
     """
-    done: dict[int, Fit] = {}
+    done: dict[int, PoseFit] = {}
     searched: list[int] = []
     for index in sorted(range(len(hypotheses)), key=lambda i: -hypotheses[i].members.sum()):
         members = hypotheses[index].members
@@ -222,7 +222,7 @@ def _fits_from_nothing(
     return [done[index] for index in range(len(hypotheses))]
 
 
-def _explains(current: Fit, without: Fit, options: SolveOptions) -> bool:
+def _explains(current: PoseFit, without: PoseFit, options: SolveOptions) -> bool:
     """Tell whether what is left out stands out from what is left (F test).
 
     Without this, centres that are all worse than they say would be left out one after another.
@@ -237,7 +237,7 @@ def _explains(current: Fit, without: Fit, options: SolveOptions) -> bool:
     return bool(stands_out and current.cost - without.cost > chi2_limit(removed, 1e-3))
 
 
-def _hypotheses(problem: Problem, dropped: NDArray[np.bool_], current: Fit) -> list[Hypothesis]:
+def _hypotheses(problem: Problem, dropped: NDArray[np.bool_], current: PoseFit) -> list[Hypothesis]:
     """Return the most suspicious hypotheses of each kind, each set of observations once."""
     suspicion = np.zeros(len(problem))
     if current.propagation is not None:

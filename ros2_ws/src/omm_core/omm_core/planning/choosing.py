@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.planning.prediction import Designs, determines, own_covariances
-from omm_core.planning.scene import Noise
+from omm_core.planning.scene import AssumedNoise
 from omm_core.planning.wish import Yardstick, smallest_bumps_mm
 
 Array = NDArray[np.float64]
@@ -41,7 +41,7 @@ class Pool:
     designs: Designs
     visible: NDArray[np.bool_]
     margin_mm: Array
-    noise: Noise
+    noise: AssumedNoise
     yardstick: Yardstick
 
     def covariances(self, sets: Indices) -> Array:

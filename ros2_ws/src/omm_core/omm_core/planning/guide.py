@@ -20,7 +20,7 @@ from omm_core.geometry import RigidTransform
 from omm_core.part_pose.kernels import rotate
 from omm_core.planning.prediction import local_state
 from omm_core.planning.scene import Scene
-from omm_core.planning.sightings import Sighting, predicted_sightings
+from omm_core.planning.sightings import PredictedSighting, predicted_sightings
 from omm_core.planning.views import focal_px
 
 Array = NDArray[np.float64]
@@ -49,7 +49,7 @@ class GuidedStop:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Correction:
+class StopCorrection:
     """What the program is told: a shift of X, Y, Z (mm), and what it is of.
 
     ``status`` is AS_PLANNED or CORRECTED: the shift is the next stop's; NOTHING_SEEN: the same
@@ -77,7 +77,7 @@ class Guide:
     scene: Scene
     stops: Sequence[GuidedStop]
     limit_mm: float
-    _seen: list[Sighting] = field(default_factory=list)
+    _seen: list[PredictedSighting] = field(default_factory=list)
     _tries: dict[int, int] = field(default_factory=dict)
     _x: Array = field(default_factory=lambda: np.zeros(7))
     """(ω, d_0, γ_s) from the planned place: what is believed now."""
@@ -103,7 +103,7 @@ class Guide:
         number: int,
         machine_T_spindle: RigidTransform,
         found: Mapping[int, tuple[Array, float]],
-    ) -> Correction:
+    ) -> StopCorrection:
         """Take in what image ``number`` (from 1) showed; return what the program is to be told.
 
         Parameters
@@ -113,7 +113,7 @@ class Guide:
         """
         rows = {target.id: row for row, target in enumerate(self.scene.part.targets)}
         new = [
-            Sighting(
+            PredictedSighting(
                 machine_T_spindle=machine_T_spindle,
                 row=rows[target],
                 center_px=np.asarray(center, dtype=float),
@@ -266,6 +266,6 @@ class Guide:
         return float(residuals @ residuals), residuals
 
 
-def _correction(status: int, shift: Array) -> Correction:
+def _correction(status: int, shift: Array) -> StopCorrection:
     x, y, z = (round(float(v), 4) for v in shift)
-    return Correction(status=status, shift_mm=(x, y, z))
+    return StopCorrection(status=status, shift_mm=(x, y, z))

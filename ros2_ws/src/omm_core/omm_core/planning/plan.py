@@ -20,7 +20,7 @@ from omm_core.planning.scene import Scene
 from omm_core.planning.sensitivity import Elsewhere, lies_elsewhere
 from omm_core.planning.timing import Pace
 from omm_core.planning.tour import Leg, shortest_tour
-from omm_core.planning.wish import Wish, Yardstick, smallest_bumps_mm
+from omm_core.planning.wish import PlanWish, Yardstick, smallest_bumps_mm
 from omm_core.planning.words import findings_of
 
 Array = NDArray[np.float64]
@@ -64,7 +64,7 @@ class Plan:
     """
 
     scene: Scene
-    wish: Wish
+    wish: PlanWish
     stops: tuple[PlannedStop, ...]
     covariance: Array
     expanded_uncertainty: Array
@@ -112,7 +112,9 @@ def _stop_json(stop: PlannedStop) -> dict[str, Any]:
     }
 
 
-def make_plan(scene: Scene, machine: Machine, wish: Wish, *, told: tuple[str, ...] = ()) -> Plan:
+def make_plan(
+    scene: Scene, machine: Machine, wish: PlanWish, *, told: tuple[str, ...] = ()
+) -> Plan:
     """Return the plan that reaches a wish, or the best that there is.
 
     With the fewest images; with ``wish.least_time`` in the least time.
@@ -153,7 +155,9 @@ def make_plan(scene: Scene, machine: Machine, wish: Wish, *, told: tuple[str, ..
     return _finished(scene, pace, wish, candidates, pool, chosen, unseen, told)
 
 
-def _searched(scene: Scene, wish: Wish) -> tuple[Candidates, dict[int, str], Pool | None, Indices]:
+def _searched(
+    scene: Scene, wish: PlanWish
+) -> tuple[Candidates, dict[int, str], Pool | None, Indices]:
     """Return candidates, what they do not see, and the choice; turned only where that is needed."""
     rotaries = rotary_positions(scene)
     candidates, unseen = find_candidates(scene, rotaries[:1])
@@ -164,7 +168,7 @@ def _searched(scene: Scene, wish: Wish) -> tuple[Candidates, dict[int, str], Poo
     return candidates, unseen, pool, chosen
 
 
-def _choose(scene: Scene, candidates: Candidates, wish: Wish) -> tuple[Pool | None, Indices]:
+def _choose(scene: Scene, candidates: Candidates, wish: PlanWish) -> tuple[Pool | None, Indices]:
     """Return the stops: all seen twice, exchanged, and more as long as that is needed and helps."""
     if not len(candidates):
         return None, np.zeros(0, dtype=np.int64)
@@ -185,7 +189,7 @@ def _choose(scene: Scene, candidates: Candidates, wish: Wish) -> tuple[Pool | No
     return pool, _settled(pool, best, wish)
 
 
-def _settled(pool: Pool, chosen: Indices, wish: Wish) -> Indices:
+def _settled(pool: Pool, chosen: Indices, wish: PlanWish) -> Indices:
     """Return stops that lose targets less easily, for a little of U; the wish stays reached."""
     best = pool.score(chosen)
     limit = best * (1.0 + _GIVEN_UP)

@@ -13,10 +13,10 @@ from omm_core.machine.kinematics import Kinematics
 from omm_core.planning.guide import Guide, GuidedStop
 from omm_core.planning.plan import Plan
 from omm_core.planning.program import Program
-from omm_core.planning.scene import Noise, Scene
+from omm_core.planning.scene import AssumedNoise, Scene
 
 # A guide weighs by its own figures; a plan's noise is not in the file.
-_NOISE = Noise(stop_sigma_mm=0.0, geometry_sigma_mm=0.0, geometry_length_mm=1.0)
+_NOISE = AssumedNoise(stop_sigma_mm=0.0, geometry_sigma_mm=0.0, geometry_length_mm=1.0)
 
 
 def program_json(plan: Plan, program: Program) -> dict[str, Any]:

@@ -29,7 +29,7 @@ from omm_core.imaging.calibration import CameraCalibration
 from omm_core.part_pose.adjustment import Adjustment
 from omm_core.part_pose.kernels import predict_all
 from omm_core.part_pose.model import PixelModel
-from omm_core.planning.scene import CENTRE_KIND, REFERENCE_DIAMETER_PX, Noise, Scene
+from omm_core.planning.scene import CENTRE_KIND, REFERENCE_DIAMETER_PX, AssumedNoise, Scene
 from omm_core.planning.views import Views
 
 Array = NDArray[np.float64]
@@ -103,7 +103,7 @@ def designs(scene: Scene, spindles: Sequence[RigidTransform], seen: Views) -> De
     )  # fmt: skip
 
 
-def own_covariances(designs: Designs, noise: Noise, sets: Indices) -> Array:
+def own_covariances(designs: Designs, noise: AssumedNoise, sets: Indices) -> Array:
     """Return the covariances in own coordinates of sets of stops.
 
     Parameters
@@ -131,7 +131,7 @@ def determines(designs: Designs, stops: Indices) -> bool:
     return bool(values[-1] > 1e-4 * values[0])
 
 
-def stacked(designs: Designs, noise: Noise, sets: Indices) -> tuple[Array, Array]:
+def stacked(designs: Designs, noise: AssumedNoise, sets: Indices) -> tuple[Array, Array]:
     """Return A (B, n, 7) and V (B, n, n) of sets of stops (B, S), as the module's text has them."""
     batch, stops = sets.shape
     A = designs.A[sets]
@@ -155,7 +155,7 @@ def stacked(designs: Designs, noise: Noise, sets: Indices) -> tuple[Array, Array
     return A_flat, V
 
 
-def _geometry(by_stop: Array, places: Array, noise: Noise) -> Array:
+def _geometry(by_stop: Array, places: Array, noise: AssumedNoise) -> Array:
     batch, n, stops, _ = by_stop.shape
     squared = np.sum((places[:, :, None] - places[:, None]) ** 2, axis=3)
     k = noise.geometry_sigma_mm**2 * np.exp(-0.5 * squared / noise.geometry_length_mm**2)

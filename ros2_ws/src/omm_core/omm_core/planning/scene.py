@@ -21,7 +21,7 @@ REFERENCE_DIAMETER_PX = 74.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Noise:
+class AssumedNoise:
     """How exact image and machine are taken to be.
 
     Attributes
@@ -38,7 +38,7 @@ class Noise:
     geometry_sigma_mm: float
     geometry_length_mm: float
 
-    def without(self, source: str) -> Noise:
+    def without(self, source: str) -> AssumedNoise:
         """Return the same without one source: ``image``, ``stops`` or ``geometry``."""
         # An image without any noise would leave nothing to weigh by.
         left = {"image": self.image_sigma_px * 1e-3, "stops": 0.0, "geometry": 0.0}[source]
@@ -69,7 +69,7 @@ class Scene:
     calibration: CameraCalibration
     kinematics: Kinematics
     machine_T_part: RigidTransform
-    noise: Noise
+    noise: AssumedNoise
     gamma_s_rad: float = 0.0
     play_mm: float = 10.0
     farthest_mm: float = 600.0

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Sighting:
+class PredictedSighting:
     """A target (its row in the part) in an image."""
 
     machine_T_spindle: RigidTransform
@@ -25,7 +25,7 @@ class Sighting:
 
 
 def predicted_sightings(
-    scene: Scene, gamma_s_rad: float, sightings: Sequence[Sighting]
+    scene: Scene, gamma_s_rad: float, sightings: Sequence[PredictedSighting]
 ) -> tuple[Array, Array]:
     """Return centres (N, 2) and diameters (N,) in px; NaN where the lens does not see a target.
 

@@ -10,7 +10,7 @@ from scipy.special import chndtr, chndtrinc
 
 from omm_core.errors import InputError
 from omm_core.planning.prediction import Designs, local_state, stacked, turned
-from omm_core.planning.scene import Noise, Scene
+from omm_core.planning.scene import AssumedNoise, Scene
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -22,7 +22,7 @@ _BUMP_PRIOR_MM = 1.0  # the solver weighs "displaced by N(0, (1 mm)²)" against 
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wish:
+class PlanWish:
     """U (k = 2) that is wanted; None where it does not matter.
 
     Attributes
@@ -67,12 +67,12 @@ class Yardstick:
         d(place)/d(ω, d_0, γ_s) of the corners of the part's box.
     """
 
-    wish: Wish
+    wish: PlanWish
     to_theta: Array
     corners: Array
 
     @classmethod
-    def of(cls, scene: Scene, wish: Wish) -> Yardstick:
+    def of(cls, scene: Scene, wish: PlanWish) -> Yardstick:
         """Return the yardstick of a part at its place."""
         state, X0 = local_state(scene)
         corners = np.zeros((8, 3, 7))
@@ -111,7 +111,7 @@ class Yardstick:
         return np.asarray(np.max(ratios, axis=0))
 
 
-def smallest_bumps_mm(designs: Designs, noise: Noise, stops: Indices) -> dict[int, float]:
+def smallest_bumps_mm(designs: Designs, noise: AssumedNoise, stops: Indices) -> dict[int, float]:
     """Return for each target seen (its row) the smallest displacement that is surely noticed.
 
     In the worst direction, found in 95 % of measurements by the solver's own test: the Bayes

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from omm_core.planning.choosing import Pool
 from omm_core.planning.prediction import determines
 from omm_core.planning.program import tool_axis
-from omm_core.planning.scene import Noise
+from omm_core.planning.scene import AssumedNoise
 from omm_core.planning.tour import beyond_the_part
 from omm_core.planning.wish import Yardstick
 
@@ -202,7 +202,7 @@ def _lost(plan: Plan) -> list[str]:
     return [f"{words}: the program's correction is needed there (docs/planning.md)."]
 
 
-def noise_words(noise: Noise) -> str:
+def noise_words(noise: AssumedNoise) -> str:
     """Return the noise in words."""
     return (
         f"image {noise.image_sigma_px:g} px, stops {1e3 * noise.stop_sigma_mm:.3g} µm, geometry"

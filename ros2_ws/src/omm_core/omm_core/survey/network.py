@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from omm_core.adjustment import Solution
 from omm_core.survey.circles import Circle
-from omm_core.survey.noise import Noise
+from omm_core.survey.noise import RayNoise
 from omm_core.survey.sighting import Bar, Sighting
 
 Array = NDArray[np.float64]
@@ -34,7 +34,7 @@ class Network:
         Number -> row in ``solution.values``.
     solution : Solution
         Its covariance is that of the noise which the residuals show.
-    noise : Noise
+    noise : RayNoise
     sightings, used : the rays in the order of the block, and which took part.
     circles : mapping
         Faces of the targets, by number of the point.
@@ -53,7 +53,7 @@ class Network:
     photos: dict[int, int]
     points: dict[int, int]
     solution: Solution
-    noise: Noise
+    noise: RayNoise
     sightings: tuple[Sighting, ...]
     used: NDArray[np.bool_]
     bars: tuple[Bar, ...]
@@ -134,7 +134,7 @@ class NetworkState:
     lens: Array
     photos: dict[int, Array]
     points: dict[int, Array]
-    noise: Noise = field(default_factory=Noise)
+    noise: RayNoise = field(default_factory=RayNoise)
     declared_mm: dict[str, float] = field(default_factory=dict)
     circles: dict[int, Circle] = field(default_factory=dict)
     diameters_mm: dict[str, float] = field(default_factory=dict)

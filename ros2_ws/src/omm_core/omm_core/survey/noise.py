@@ -29,7 +29,7 @@ class Component:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Noise:
+class RayNoise:
     """By kind of target."""
 
     of: dict[str, Component] = field(default_factory=dict)
@@ -50,8 +50,8 @@ class Noise:
 
 
 def estimated(
-    residuals: Array, redundancy: Array, detector: Array, kinds: NDArray[np.str_], before: Noise
-) -> Noise:
+    residuals: Array, redundancy: Array, detector: Array, kinds: NDArray[np.str_], before: RayNoise
+) -> RayNoise:
     """Return the noise that residuals (M, 2) and their redundancy numbers show.
 
     Parameters
@@ -59,7 +59,7 @@ def estimated(
     residuals, redundancy : (M, 2) arrays
         Of the rays that take part only.
     detector : (M, 2, 2) array
-    before : Noise
+    before : RayNoise
         Kept for a kind of which too little is seen.
     """
     of = dict(before.of)
@@ -70,7 +70,7 @@ def estimated(
         variances = np.einsum("mii->mi", detector[rays]).ravel()
         if free.sum() >= 4.0:
             of[str(kind)] = _component(squares, free, variances)
-    return Noise(of=of)
+    return RayNoise(of=of)
 
 
 def _component(squares: Array, free: Array, variances: Array) -> Component:

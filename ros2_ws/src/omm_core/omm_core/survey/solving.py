@@ -18,7 +18,7 @@ from omm_core.survey.network import (
     stages_for,
     state_of,
 )
-from omm_core.survey.noise import Noise
+from omm_core.survey.noise import RayNoise
 from omm_core.survey.sighting import Bar, Sighting
 from omm_core.survey.start import (
     FITS_AT_FIRST_PX,
@@ -94,7 +94,7 @@ def _zoomed(
     network: Network, sightings: list[Sighting], declared: dict[str, float]
 ) -> dict[int, str]:
     """Return photographs with another focal length than most, and why that is thought."""
-    state = replace(state_of(network, declared), noise=Noise())
+    state = replace(state_of(network, declared), noise=RayNoise())
     rays, pixel = (
         rays_by_photo(sightings, state.lens, network.middle_px),
         float(1.0 / state.lens[0]),
