@@ -31,11 +31,12 @@ from omm_core.session.result import MeasurementResult
 from omm_core.warm_up import warm_up_detection, warm_up_estimation
 from omm_core.words import NOTHING, Words, keyed, listed, of_error, sentences
 from omm_estimator import conversions
+from omm_estimator.health import estimate_health, image_health
 from omm_estimator.parameters import Parameters
 from omm_ros import qos, topics
 from omm_ros.adaptive_subscription import AdaptiveSubscription
 from omm_ros.conversions import image_from_message, stamp_ns, transform_from_pose
-from omm_ros.diagnostics import ERROR, OK, WARN, Diagnostics, Health
+from omm_ros.diagnostics import Diagnostics, Health
 from omm_ros.frames import prefixed
 from omm_ros.lifecycle import transition
 from omm_ros.node_main import run_node
@@ -45,7 +46,6 @@ from omm_ros.published import CountingLifecycleNode
 
 _PREPARING = keyed("said.preparing_kernels", "preparing: numerical kernels are loaded or compiled")
 _NO_LONGER = keyed("said.no_longer_determined", "no longer determined")
-_NOT_CONFIGURED = keyed("said.not_configured", "not configured")
 _SETTLE_PERIOD_S = 0.02
 # Times what the last update took: after thousands of images, not every one gets its own.
 _PAUSE = 4.0
@@ -356,26 +356,12 @@ class EstimatorNode(CountingLifecycleNode):
     # --- diagnostics ---------------------------------------------------------------------------
 
     def _image_health(self) -> Health:
-        result = self._last
-        if result is None:
-            return Health(level=WARN, message=_NOT_CONFIGURED)
-        refused = [image for image in result.images if not image.used]
-        values: dict[str, object] = {f"refused {i.stamp_ns}": i.reason for i in refused[-20:]}
-        values |= {"images": len(result.images), "pending": result.images_pending}
-        values["bad poses"], values["missed images"] = self._bad_poses, self._missed_images
         trouble = [subscription.trouble for subscription in self._inputs if subscription.trouble]
-        trouble += self._silence()
-        used = keyed(
-            "said.images_used",
-            "{used} of {n} images used",
-            used=len(result.images) - len(refused),
-            n=len(result.images),
-        )
-        message = sentences([used, *trouble])
-        return Health(
-            level=WARN if refused or self._bad_poses or self._missed_images or trouble else OK,
-            message=message,
-            values=values,
+        return image_health(
+            self._last,
+            bad_poses=self._bad_poses,
+            missed_images=self._missed_images,
+            trouble=[*trouble, *self._silence()] if self._last is not None else [],
         )
 
     def _silence(self) -> list[str]:
@@ -392,25 +378,7 @@ class EstimatorNode(CountingLifecycleNode):
         return []
 
     def _estimate_health(self) -> Health:
-        if self._preparing:
-            return Health(level=WARN, message=self._preparing)
-        result = self._last
-        if result is None or not result.images:
-            return Health(level=OK, message=keyed("said.no_image", "no image yet"))
-        if not result.determined:
-            return Health(
-                level=WARN,
-                message=sentences(result.missing) or keyed("said.not_determined", "not determined"),
-            )
-        if result.findings:
-            return Health(level=ERROR, message=sentences(result.findings))
-        return Health(
-            message=keyed(
-                "said.determined",
-                "determined, residuals {px} px RMS",
-                px=f"{result.solution.rms_px:.4f}",
-            )
-        )
+        return estimate_health(self._last, self._preparing)
 
 
 def _load_kernels() -> None:
