@@ -20,14 +20,14 @@ from omm_camera_driver.driver import Camera, Frame
 from omm_camera_driver.drivers.choosing import DRIVERS
 from omm_camera_driver.drivers.simulated.true_pose_listener import TruePoseListener
 from omm_camera_driver.drivers.simulated.true_poses import TruePoses
+from omm_camera_driver.health import connection_health
 from omm_camera_driver.parameters import Parameters, camera_settings
 from omm_camera_driver.worker import CameraWorker
-from omm_camera_driver.worker_status import Status, WorkerState
 from omm_core.errors import DeviceError, InputError, OmmError
-from omm_core.words import Words, keyed, verbatim
+from omm_core.words import keyed
 from omm_ros import qos, topics
 from omm_ros.conversions import image_message, time_from_ns
-from omm_ros.diagnostics import ERROR, OK, WARN, Diagnostics, Health
+from omm_ros.diagnostics import WARN, Diagnostics, Health
 from omm_ros.node_main import run_node
 from omm_ros.parameters import declare, watch
 from omm_ros.published import CountingLifecycleNode
@@ -267,52 +267,7 @@ class CameraNode(CountingLifecycleNode):
         if self._worker is None:
             return Health(level=WARN, message=keyed("said.not_configured", "not configured"))
         status = self._worker.status()
-        if self._listener is not None and self._listener.failure:
-            return Health(level=ERROR, message=self._listener.failure, values=_values(status))
-        return Health(level=_level(status), message=_summary(status), values=_values(status))
-
-
-_STATES = {
-    WorkerState.INACTIVE: keyed("said.camera_inactive", "inactive"),
-    WorkerState.ABSENT: keyed("said.camera_absent", "absent"),
-    WorkerState.OPENING: keyed("said.camera_opening", "opening"),
-    WorkerState.STREAMING: keyed("said.camera_streaming", "streaming"),
-    WorkerState.LOST: keyed("said.camera_lost", "lost"),
-}
-
-
-def _level(status: Status) -> bytes:
-    if status.state is WorkerState.INACTIVE:
-        return WARN
-    if status.state is not WorkerState.STREAMING:
-        return ERROR
-    return WARN if status.problem else OK
-
-
-def _summary(status: Status) -> Words:
-    return _words_of(status.problem) if status.problem else _STATES[status.state]
-
-
-def _words_of(problem: str) -> Words:
-    """Return a driver's problem: with its key, or as its library said it."""
-    return problem if isinstance(problem, Words) else verbatim(problem)
-
-
-def _values(status: Status) -> dict[str, object]:
-    values: dict[str, object] = {
-        "state": status.state.value,
-        "camera": status.camera or "",
-        "rate_hz": round(status.rate_hz, 2),
-        "stamp_uncertainty_us": round(status.stamp_uncertainty_ns / 1000, 1),
-        "published": status.published,
-        "incomplete": status.incomplete,
-        "missing": status.missing,
-        "stale": status.stale,
-        "unanswered_triggers": status.unanswered_triggers,
-        "connections": status.connections,
-    }
-    granted = status.camera.granted if status.camera is not None else {}
-    return {**values, **granted, **status.health}
+        return connection_health(status, self._listener.failure if self._listener else "")
 
 
 def main(args: list[str] | None = None) -> None:

@@ -14,10 +14,11 @@ from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
 from omm_core.errors import InputError, OmmError
-from omm_core.words import Words, keyed, listed, of_error, sentences
+from omm_core.words import of_error
 from omm_recorder.conversions import message_class, profile_from_qos, qos_from_profile
 from omm_recorder.definitions import definition, type_hash
 from omm_recorder.files import FileToRecord, file_to_record
+from omm_recorder.health import recording_health
 from omm_recorder.parameter_snapshot import ParameterSnapshot, as_table
 from omm_recorder.parameters import Parameters
 from omm_recorder.provenance import provenance
@@ -26,7 +27,7 @@ from omm_recorder.recording_state import Limits
 from omm_recorder.topics import KNOWN, adapted
 from omm_recording.rosbag2_format import TopicQos
 from omm_recording.writing import RUN_NAME, RecordingOptions, RecordingWriter, TopicToRecord
-from omm_ros.diagnostics import ERROR, OK, WARN, Diagnostics, Health
+from omm_ros.diagnostics import Diagnostics, Health
 from omm_ros.node_main import run_node
 from omm_ros.parameters import declare
 from omm_ros.published import NAME as PUBLISHED
@@ -42,10 +43,8 @@ FILES = {
     "calibration_file": "camera.yaml",
     "machine_file": "machine.yaml",
 }
-_NEEDED = ("part.yaml", "camera.yaml")
 OWNER = "estimator"
 """The node whose parameters those are; no other's are believed."""
-_ALL = keyed("said.all_recorded", "all is recorded")
 
 
 class RecorderNode(CountingNode):
@@ -307,46 +306,13 @@ class RecorderNode(CountingNode):
         self.get_logger().error(text)
 
     def _health(self) -> Health:
-        state = self.recorder.state()
-        lost = state.lost + state.missing
-        level = ERROR if not state.recording else WARN if lost or state.trouble else OK
-        message = state.trouble or (_lost(lost) if lost else _ALL)
-        if self._unread and level == OK:
-            level, message = WARN, sentences(self._unread.values())
-        missing = [name for name in _NEEDED if name not in self._attached]
-        if missing and level == OK:
-            level, message = WARN, _missing(listed(missing))
-        if self._unknown and level == OK:
-            level, message = WARN, _not_recorded(listed(sorted(self._unknown)))
-        values = {
-            "file": str(self.folder / RUN_NAME),
-            "written [MB]": f"{state.bytes_written / 1e6:.1f}",
-            "rate [MB/s]": f"{state.bytes_per_s / 1e6:.1f}",
-            "waiting [MB]": f"{state.queue_bytes / 1e6:.1f}",
-            "free [GB]": f"{state.free_bytes / 1e9:.1f}",
-            "left [min]": f"{state.left_s / 60.0:.0f}",
-            "received": state.received,
-            "lost here": state.lost,
-            "missing from publishers": state.missing,
-            "files": ", ".join(sorted(self._attached)) or "none yet",
-        }
-        return Health(level=level, message=message, values=values)
-
-
-def _missing(files: Words) -> Words:
-    return keyed(
-        "said.files_missing",
-        "not in the recording, which cannot be solved without: {files}",
-        files=files,
-    )
-
-
-def _not_recorded(names: Words) -> Words:
-    return keyed("said.not_recorded", "not recorded: {names}", names=names)
-
-
-def _lost(count: int) -> Words:
-    return keyed("said.messages_lost", "{n} messages lost", n=count)
+        return recording_health(
+            self.recorder.state(),
+            self.folder / RUN_NAME,
+            unread=list(self._unread.values()),
+            attached=sorted(self._attached),
+            unknown=sorted(self._unknown),
+        )
 
 
 def main(args: list[str] | None = None) -> int:
