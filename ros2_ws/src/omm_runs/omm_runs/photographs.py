@@ -15,12 +15,14 @@ from omm_core.errors import InputError
 from omm_core.imaging.photographs import read_grey
 from omm_core.survey.sighting import sighting_of_target
 from omm_core.targets import DetectedTarget, TargetFamily, detect_targets
+from omm_core.targets.detected import RefusedTarget
 from omm_core.targets.plain import PlainDot, PlainOptions, find_plain_dots
 from omm_runs.spreading import spread
 
 Array = NDArray[np.float64]
 
 _FEWEST_FOR_POLARITY = 3
+_TILTED = 1.4  # longer axis of an ellipse over the diameter of the circle with its area
 _FOCAL_LENGTH, _AS_35MM, _EXIF_WIDTH = 37386, 41989, 40962  # EXIF 2.3
 _PLANE_RESOLUTION, _PLANE_UNIT = 41486, 41488
 _CAMERA_TAGS = (272, 42033, 42036)  # model, number of the body, lens
@@ -30,10 +32,14 @@ _SAME_FOCAL = 1.02  # ratio of what EXIF tells of one setting: makers round it
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Seen:
-    """What one photograph shows; ``problem`` says why nothing, where it cannot be used."""
+    """What one photograph shows; ``problem`` says why nothing, where it cannot be used.
+
+    Numbers that are read ``twice`` are not among the targets.
+    """
 
     size_px: tuple[int, int]
     targets: tuple[DetectedTarget, ...] = ()
+    twice: tuple[int, ...] = ()
     dots: tuple[PlainDot, ...] = ()
     problem: str | None = None
 
@@ -71,10 +77,13 @@ def _look(job: tuple[Path, str]) -> Seen:
     least = 0.12 * float(np.median(contrast)) if contrast else 15.0
     unit = 1.0 if image.dtype == np.uint8 else max(float(image.max()) / 255.0, 1.0)
     options = PlainOptions(bright=bright, min_contrast_dn=max(least / unit, 12.0))
+    doubles = tuple(r for r in detection.refused if r.reason.key == "said.seen_twice")
+    rings = np.vstack([rings_of(targets, family), _rings_about(doubles, family)])
     return Seen(
         size_px=size,
         targets=targets,
-        dots=find_plain_dots(image, options, rings_of(targets, family)),
+        twice=tuple(sorted({int(r.reason.args["target"]) for r in doubles})),
+        dots=find_plain_dots(image, options, rings),
     )
 
 
@@ -150,4 +159,13 @@ def rings_of(targets: tuple[DetectedTarget, ...], family: TargetFamily) -> Array
         assert spread is not None
         conic = np.linalg.inv(spread) / family.ring_outer_ratio**2
         ring[:] = [*target.center_px, conic[0, 0], conic[0, 1], conic[1, 1]]
+    return rings
+
+
+def _rings_about(refused: tuple[RefusedTarget, ...], family: TargetFamily) -> Array:
+    """Return circles (N, 5) about targets of which only the mean diameter is known."""
+    rings = np.empty((len(refused), 5))
+    for ring, target in zip(rings, refused, strict=True):
+        radius = _TILTED * family.ring_outer_ratio * target.diameter_px / 2.0
+        ring[:] = [*target.center_px, radius**-2.0, 0.0, radius**-2.0]
     return rings

@@ -45,6 +45,36 @@ def photos_left_out(given: SurveySet, seen: list[Seen], size_px: tuple[int, int]
     return reasons
 
 
+def doubled_numbers(seen: dict[str, Seen]) -> tuple[set[int], list[str]]:
+    """Return numbers that stand on two targets, and what must be told of what is read twice.
+
+    Which of the two a ray belongs to is not known where a photograph shows only one of them.
+
+    Parameters
+    ----------
+    seen : mapping
+        By the name of the photograph.
+    """
+    where: dict[int, list[str]] = {}
+    for name, found in seen.items():
+        for number in found.twice:
+            where.setdefault(number, []).append(name)
+    doubled = {number for number, names in where.items() if len(names) > 1}
+    words = []
+    for number, names in sorted(where.items()):
+        if number in doubled:
+            words.append(
+                f"Target {number} is left out: {len(names)} photographs ({names[0]},"
+                f" {names[1]} ...) show its number twice, so it stands on two targets. Cover one."
+            )
+        else:
+            words.append(
+                f"{names[0]}: target {number} is read twice in it and left out there; one is a"
+                " reflection or another target read wrong."
+            )
+    return doubled, words
+
+
 def _other_size(size: tuple[int, int], usual: tuple[int, int]) -> str:
     words = f"it has {size[0]} x {size[1]} pixels, the camera's others {usual[0]} x {usual[1]}"
     if size == usual[::-1]:

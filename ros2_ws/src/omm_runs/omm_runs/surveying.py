@@ -11,7 +11,7 @@ from omm_core.survey import Bar, solve_network
 from omm_core.survey.sighting import CODED, PLAIN, sighting_of_target
 from omm_core.targets import TargetFamily
 from omm_runs.photographs import focal_length_px, look_at_all
-from omm_runs.survey_photos import FEWEST_PHOTOS, photos_left_out
+from omm_runs.survey_photos import FEWEST_PHOTOS, doubled_numbers, photos_left_out
 from omm_runs.survey_result import SurveyResult, as_json, delivered
 
 
@@ -40,8 +40,14 @@ def survey(path: Path) -> SurveyResult:
     left_out = photos_left_out(given, seen, size)
     taken = {n: s for n, s in enumerate(seen) if n not in left_out}
     focal = given.focal_length_px or focal_length_px(tuple(given.photos[n] for n in taken), size)
+    doubled, words = doubled_numbers({given.photos[n].name: s for n, s in taken.items()})
     network = solve_network(
-        [sighting_of_target(n, target) for n, s in taken.items() for target in s.targets],
+        [
+            sighting_of_target(n, target)
+            for n, s in taken.items()
+            for target in s.targets
+            if target.id not in doubled
+        ],
         [Bar(ends=b.ends, length_mm=b.length_mm, sigma_mm=b.sigma_mm) for b in given.scale_bars],
         focal,
         size,
@@ -49,7 +55,7 @@ def survey(path: Path) -> SurveyResult:
         _diameters(given),
     )
     out = delivered(network, given.datum)
-    json = as_json(given, network, out, left_out, focal, [])
+    json = as_json(given, network, out, left_out, focal, words)
     return SurveyResult(given=given, network=network, delivered=out, json=json)
 
 

@@ -9,7 +9,7 @@ from PIL import Image
 from omm_core.errors import MeasurementError
 from omm_core.files.survey import load_survey
 from omm_runs.photographs import Seen
-from omm_runs.survey_photos import photos_left_out
+from omm_runs.survey_photos import doubled_numbers, photos_left_out
 
 SIZE = (60, 40)
 
@@ -66,3 +66,13 @@ def test_turned_pixels_are_told_from_other_sizes(tmp_path):
     reasons = photos_left_out(given, [seen(5.0 * i, s) for i, s in enumerate(sizes)], SIZE)
     assert "turned its pixels" in reasons[3]
     assert "30 x 20 pixels, the camera's others 60 x 40: it was cut" in reasons[4]
+
+
+def test_a_number_that_two_photographs_show_twice_stands_on_two_targets():
+    shown = {"a": (7, 9), "b": (), "c": (7,)}
+    doubled, words = doubled_numbers(
+        {name: Seen(size_px=SIZE, twice=twice) for name, twice in shown.items()}
+    )
+    assert doubled == {7}
+    assert words[0].startswith("Target 7 is left out: 2 photographs (a, c ...)")
+    assert words[1].startswith("a: target 9 is read twice in it")
