@@ -88,3 +88,18 @@ def test_sixteen_bits_give_the_same_centre():
 def test_colour_is_refused():
     with pytest.raises(InputError, match="grey"):
         find_plain_dots(np.zeros((20, 20, 3), dtype=np.uint8))
+
+
+def test_dots_on_dark_labels_need_not_be_brighter_than_the_part_around():
+    places = [(60.2 + 80 * i, 60.7 + 90 * j, 6.0, 4.5, 0.4) for i in range(3) for j in range(2)]
+    rows, cols = np.mgrid[:240, :320]
+    image = picture(places, bright=190.0)
+    label = np.zeros(image.shape, dtype=bool)
+    for col, row, *_ in places:
+        label |= (np.abs(cols - col) < 12) & (np.abs(rows - row) < 12)
+    image[~label] = 200 + image[~label] // 4  # about as bright as the dots
+    dots = find_plain_dots(image)
+    assert len(dots) == len(places)
+    found = np.array([dot.center_px for dot in dots])
+    for col, row, *_ in places:
+        assert np.linalg.norm(found - [col, row], axis=1).min() < 0.1

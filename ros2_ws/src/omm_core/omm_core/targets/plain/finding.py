@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 
 _SHRUNK = 8
 _LEVELS = (0.06, 0.15, 0.35, 0.6)  # of the brightest dot's contrast
+_BRIGHT_PART = 60  # of 255: light around, from which on half of it lies above a label's dark
 _MARGIN = 1.15  # around a ring
 
 
@@ -78,32 +79,36 @@ def find_plain_dots(
     return tuple(dot for dot in dots if dot is not None)
 
 
-def _lifted(image: NDArray[Any], sign: int) -> tuple[NDArray[np.uint8], float]:
-    """Return how far each pixel stands out of its surroundings (8 bit), and a grey value's size."""
-    unit = 1.0
+def _grey_and_around(image: NDArray[Any], sign: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Return the image in 8 bit, dots bright, and the light around each pixel."""
     grey = image
     if image.dtype != np.uint8:
-        unit = max(float(image.max()) / 255.0, 1.0)
-        grey = cv2.convertScaleAbs(image, alpha=1.0 / unit)
+        grey = cv2.convertScaleAbs(image, alpha=1.0 / max(float(image.max()) / 255.0, 1.0))
     if sign < 0:
         grey = 255 - grey
     height, width = grey.shape
     shrunk = (max(width // _SHRUNK, 1), max(height // _SHRUNK, 1))
     small = cv2.medianBlur(cv2.resize(grey, shrunk, interpolation=cv2.INTER_AREA), 15)
     around = cv2.resize(small, (width, height), interpolation=cv2.INTER_LINEAR)
-    return np.asarray(cv2.subtract(grey, around)), unit
+    return np.asarray(grey), np.asarray(around)
 
 
 def _candidates(
     image: NDArray[Any], sign: int, options: PlainOptions, rings: Array | None
 ) -> Array:
     """Return ellipses (N, 6) from the moments of components, polarity last."""
-    lifted, _ = _lifted(image, sign)
+    grey, around = _grey_and_around(image, sign)
+    lifted = np.asarray(cv2.subtract(grey, around))
     top = max(float(np.percentile(cv2.blur(lifted, (3, 3))[::2, ::2], 99.99)), 1.0)
     found: list[Array] = []
     for share in _LEVELS:
         level = max(share * top, 0.4 * options.min_contrast_dn)
         found += _components(lifted, level, options, rings)
+    bright = cv2.threshold(around, _BRIGHT_PART, 255, cv2.THRESH_TOZERO)[1]
+    if bright.any():  # a dot on a dark label need not be brighter than the part around the label
+        half = cv2.subtract(grey, cv2.convertScaleAbs(around, alpha=0.5))
+        half[bright == 0] = 0
+        found += _components(half, 0.0, options, rings)
     if not found:
         return np.empty((0, 6))
     return np.column_stack([np.array(found), np.full(len(found), float(sign))])
