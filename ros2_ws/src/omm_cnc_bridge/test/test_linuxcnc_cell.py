@@ -32,7 +32,7 @@ MACHINE = Path(__file__).parents[1] / "machines" / "three_axis_mill.urdf"
 
 HOLDER = f"""
 import time
-from omm_cnc_bridge.controls.linuxcnc.cell import DemoLinuxCnc
+from omm_cnc_bridge.controls.linuxcnc.demo import DemoLinuxCnc
 from omm_core.machine.kinematics import Kinematics
 machine = Kinematics.load({str(MACHINE)!r})
 control = DemoLinuxCnc("three_axis_mill", "M2", machine, rate_hz=100)
