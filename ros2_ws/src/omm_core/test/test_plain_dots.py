@@ -103,3 +103,15 @@ def test_dots_on_dark_labels_need_not_be_brighter_than_the_part_around():
     found = np.array([dot.center_px for dot in dots])
     for col, row, *_ in places:
         assert np.linalg.norm(found - [col, row], axis=1).min() < 0.1
+
+
+def test_flat_dots_are_found_in_16_bit_as_in_8():
+    rng = np.random.default_rng(4)
+    grid = [(50.0 + 74 * i, 40.0 + 54 * j) for i in range(4) for j in range(4)]
+    flat = [(*(np.array(p) + rng.uniform(-1, 1, 2)), 7.4, 2.6, rng.uniform(0, 3)) for p in grid]
+    image = picture(flat, noise=1.0, blur=0.7)
+    eight, sixteen = (find_plain_dots(i) for i in (image, image.astype(np.uint16) * 200))
+    assert len(eight) == len(flat)
+    assert len(sixteen) == len(eight)
+    for one, two in zip(eight, sixteen, strict=True):
+        assert two.center_px == pytest.approx(one.center_px, abs=0.02)

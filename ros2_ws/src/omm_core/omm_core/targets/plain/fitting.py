@@ -70,7 +70,8 @@ def _fitted(
     light, ground = (_LIGHT, _GROUND) if sign > 0 else (_GROUND, _LIGHT)
     prior = np.diag(np.repeat([1 / (light * contrast) ** 2, 1 / (ground * contrast) ** 2], 2))
     slopes, ring = SlopesPrior(prior, np.zeros(4)), Ring(inner, _NO_RING, 0.0)
-    read, gain = 1.0, 0.0
+    # About what 8 bit have, in the image's own grey values.
+    read, gain = max((contrast / 255.0) ** 2, 1.0), 0.0
     # The second time with the noise that the first fit shows on the dot and beside it.
     for _ in range(2):
         fitted = start_at(shape)
