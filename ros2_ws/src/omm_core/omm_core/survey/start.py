@@ -102,7 +102,8 @@ def _best_pair(rays: Rays, pixel: float) -> tuple[dict[int, Array], dict[int, Ar
     if best is None:
         raise MeasurementError(
             f"Expected two photographs with {FEWEST_COMMON} coded targets in common, seen from"
-            " different places; found none. Take photographs that overlap more."
+            " different places; found none. Take photographs that overlap more; where the targets"
+            " are there to be seen, check target_family."
         )
     return best[1], best[2]
 
