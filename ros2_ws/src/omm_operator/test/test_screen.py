@@ -17,7 +17,7 @@ from omm_operator.screen.handing import HandingOptions
 from omm_operator.screen.result import advice, rows
 from omm_operator.screen.screen import Screen
 from omm_operator.screen.watch import LIMIT_S, STARTING_S, Watch
-from omm_simulation.jacks import lifted
+from omm_simulation.jacks import lifted_by_command
 
 START_NS = 1_700_000_000_000_000_000
 JACKS = tuple(
@@ -263,9 +263,10 @@ def test_a_deviation_of_an_angle_is_the_short_way_round(times: Times) -> None:
     assert found[2].decision.deviation == pytest.approx(2 * (np.pi - 3.1415), abs=1e-12)
 
 
-def test_a_part_is_aligned_in_three_corrections_from_5_mm_per_m(times: Times) -> None:
+@pytest.mark.parametrize("gamma", [0.3, 1.6, -2.9])
+def test_a_part_is_aligned_in_three_corrections_from_5_mm_per_m(times: Times, gamma: float) -> None:
     """The machine is turned by rigid turns, not by the formula's linear ones."""
-    truth = RigidTransform.from_euler_xyz_rad(5e-3, -5e-3, 0.3, [800.0, -400.0, 7.0])
+    truth = RigidTransform.from_euler_xyz_rad(5e-3, -5e-3, gamma, [800.0, -400.0, 7.0])
     rng = np.random.default_rng(7)
     corrections = 0
     while corrections <= 3:
@@ -275,13 +276,25 @@ def test_a_part_is_aligned_in_three_corrections_from_5_mm_per_m(times: Times) ->
             break
         found = corrections_in_all_modes(measured, part(), JACKS[:3], np.array([0.0, 0.0, 1.0]))
         corrections += 1
-        truth = lifted(
+        truth = lifted_by_command(
             truth,
-            [jack.xyz_mm[:2] for jack in JACKS[:3]],
-            [correction.correction_mm for correction in found["exact"]],
+            [
+                {"x_mm": jack.xyz_mm[0], "y_mm": jack.xyz_mm[1], "mm": correction.correction_mm}
+                for jack, correction in zip(JACKS[:3], found["exact"])
+            ],
         )
     assert corrections <= 3
     assert np.all(np.abs(truth.euler_xyz_rad()[:2]) <= 5e-5)
+
+
+@pytest.mark.parametrize("gamma", [0.0, 0.5, -2.0])
+def test_jacks_of_the_part_file_stand_in_the_parts_frame(times: Times, gamma: float) -> None:
+    """So c = -(dz + α y - β x) holds with θ's own angles, however the part is turned."""
+    alpha, beta, dz = 1e-4, -2e-4, -0.3
+    fact = estimate(times, (alpha, beta, gamma, 0, 0, dz, 0))
+    found = corrections_in_all_modes(fact, part(), JACKS, np.array([0.0, 0.0, 1.0]))
+    expected = [-(dz + alpha * j.xyz_mm[1] - beta * j.xyz_mm[0]) for j in JACKS]
+    assert [c.correction_mm for c in found["exact"]] == pytest.approx(expected, abs=1e-6)
 
 
 def test_jacks_have_the_signs_of_the_facts(times: Times) -> None:

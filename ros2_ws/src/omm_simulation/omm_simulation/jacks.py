@@ -48,10 +48,13 @@ def lifted_by_command(
 ) -> RigidTransform:
     """Return the pose after jacks were turned by what the page says: ``x_mm y_mm mm`` each.
 
-    A rigid part stands on three: of more, the first three count.
+    The places are in the part's frame, as the page and the part file have them. A rigid part stands
+    on three: of more, the first three count.
     """
     jacks = jacks[:3]
-    return lifted(machine_T_part, [(j["x_mm"], j["y_mm"]) for j in jacks], [j["mm"] for j in jacks])
+    feet = [machine_T_part.rotation @ [j["x_mm"], j["y_mm"], 0.0] for j in jacks]
+    places = [(float(x), float(y)) for x, y, _ in feet]
+    return lifted(machine_T_part, places, [j["mm"] for j in jacks])
 
 
 def _on_plane(normal: Array, origin: Array, foot: Array) -> Array:

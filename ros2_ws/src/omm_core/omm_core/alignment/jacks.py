@@ -49,7 +49,7 @@ def jack_corrections(
     Parameters
     ----------
     jacks : sequence of Jack
-        Three or more, not in one line.
+        Three or more, not in one line; here in the machine's axes, from the part's origin.
     deviation : (6,) array
         Measured minus nominal: small turns about machine X, Y, Z (rad), then x, y, z (mm) of the
         part's origin; 0 where any value will do.

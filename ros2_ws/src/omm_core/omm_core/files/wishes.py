@@ -84,7 +84,7 @@ class Jack:
     Attributes
     ----------
     xyz_mm : (3,) array
-        From the part's origin, in the machine's axes.
+        Where it carries the part, in the part's frame, as all of the part file.
     travel_mm : tuple of two
         Lowest and highest correction that the jack can still make.
     """

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -72,18 +72,24 @@ def _half_of_U(estimate: EstimateFact) -> Array:
 def corrections_in_all_modes(
     estimate: EstimateFact, part: Part | None, jacks: Sequence[Jack], up: Array
 ) -> dict[str, tuple[Correction, ...]]:
-    """Return the correction of each jack, by mode.
+    """Return the correction of each jack, by mode; ``jacks`` as the part file has them.
 
     Raises
     ------
     InputError
         Where there are fewer than three jacks, or they stand in one line.
     """
-    found = deviation(estimate, part)
+    found, standing = deviation(estimate, part), in_machine_axes(estimate, jacks)
     return {
-        mode: jack_corrections(jacks, found.values, found.covariance, mode=mode, up=up)
+        mode: jack_corrections(standing, found.values, found.covariance, mode=mode, up=up)
         for mode in MODES
     }
+
+
+def in_machine_axes(estimate: EstimateFact, jacks: Sequence[Jack]) -> tuple[Jack, ...]:
+    """Return jacks where they stand: from the part's origin, in the machine's axes."""
+    rotation = estimate.machine_T_part().rotation
+    return tuple(replace(jack, xyz_mm=rotation @ jack.xyz_mm) for jack in jacks)
 
 
 def correction_dict(correction: Correction) -> dict[str, Any]:
