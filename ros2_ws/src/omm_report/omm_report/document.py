@@ -57,6 +57,8 @@ class Document:
         fonts = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
         self._pdf.add_font(_FAMILY, "", fonts / "DejaVuSans.ttf")
         self._pdf.add_font(_FAMILY, "B", fonts / "DejaVuSans-Bold.ttf")
+        letters = (set(font.cmap) for font in self._pdf.fonts.values())
+        self._letters = set.intersection(*letters) | {ord("\n")}
         self._pdf.set_auto_page_break(True, margin=18)
         self._pdf.add_page()
         self.heading(title, level=1)
@@ -65,13 +67,13 @@ class Document:
         """Add a heading; level 1 is the largest, 3 the smallest."""
         self._pdf.ln(2 if level > 1 else 0)
         self._pdf.set_font(_FAMILY, "B", _HEADING_PT[level])
-        self._pdf.multi_cell(0, None, text, new_x="LMARGIN", new_y="NEXT", align="L")
+        self._pdf.multi_cell(0, None, self._shown(text), new_x="LMARGIN", new_y="NEXT", align="L")
         self._pdf.ln(1.5)
 
     def paragraph(self, text: str) -> None:
         """Add text; line breaks in it are kept."""
         self._pdf.set_font(_FAMILY, "", _TEXT_PT)
-        self._pdf.multi_cell(0, None, text, new_x="LMARGIN", new_y="NEXT", align="L")
+        self._pdf.multi_cell(0, None, self._shown(text), new_x="LMARGIN", new_y="NEXT", align="L")
         self._pdf.ln(1.5)
 
     def table(
@@ -100,7 +102,7 @@ class Document:
             for cells in rows:
                 row = table.row()
                 for cell in cells:
-                    row.cell(cell)
+                    row.cell(self._shown(cell))
         self._pdf.ln(2)
 
     def figure(self, figure: Figure, *, caption: str = "", width_mm: float = 170.0) -> None:
@@ -130,6 +132,13 @@ class Document:
     def to_bytes(self) -> bytes:
         """Return the finished file; nothing can be added afterwards."""
         return bytes(self._pdf.output())
+
+    def _shown(self, text: str) -> str:
+        """Return text with the number of each character that the fonts lack: ``<U+65E5>``.
+
+        It would else be gone, two names would read the same, and PDF/A allows no empty glyph.
+        """
+        return "".join(c if ord(c) in self._letters else f"<U+{ord(c):04X}>" for c in text)
 
     def _picture(self, picture: Image.Image, caption: str, width_mm: float) -> None:
         width_mm = min(width_mm, self._pdf.epw)

@@ -47,3 +47,15 @@ def test_every_font_is_embedded() -> None:
     assert len(described) == 2
     assert all("/FontFile2" in o for o in described)
     assert document_module.FIXED_DATE.year == 2000
+
+
+def test_letters_that_the_fonts_lack_stand_there_by_their_number(caplog) -> None:  # type: ignore[no-untyped-def]
+    """A glyph that is not there is not allowed in PDF/A, and two names would read the same."""
+
+    def named(name: str) -> bytes:
+        document = Document(f"Teil {name}")
+        document.table([[f"größe {name}", "1"]])
+        return document.to_bytes()
+
+    assert named("日") != named("本")
+    assert "missing" not in caplog.text
