@@ -25,6 +25,11 @@ _SAME = {"rectangular": "uniform", "u-shaped": "arcsine", "gaussian": "normal"}
 KINDS = ("normal", *_DIVISOR)
 
 
+def _kind(word: str) -> str:
+    """Return a distribution's one name; capitals and the other names in use mean the same."""
+    return _SAME.get(word.lower(), word.lower())
+
+
 @dataclass(frozen=True, kw_only=True)
 class Distribution:
     """A distribution about zero.
@@ -44,7 +49,7 @@ class Distribution:
     degrees_of_freedom: float = math.inf
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "kind", _SAME.get(self.kind, self.kind))
+        object.__setattr__(self, "kind", _kind(self.kind))
         if self.kind not in KINDS:
             raise InputError(
                 f"Expected one of the distributions {', '.join(KINDS)}, got {self.kind!r}."
@@ -67,7 +72,7 @@ class Distribution:
         InputError
             Where the kind has no limits (normal), or the half width is negative.
         """
-        kind = _SAME.get(kind, kind)
+        kind = _kind(kind)
         if kind not in _DIVISOR:
             raise InputError(
                 f"Expected a distribution with limits ({', '.join(_DIVISOR)}) for a half width,"

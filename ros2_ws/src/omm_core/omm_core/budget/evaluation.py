@@ -138,7 +138,40 @@ def sample(
     by_degrees_of_freedom : bool
         Compare with the GUM's interval by Student's factor instead of k = 2.
     """
-    random = np.random.default_rng(seed)
+    points = combined.standard_uncertainty_mm.shape[0]
+    u = combined.standard_uncertainty_mm.reshape(-1)
+    delta = np.array([tolerance_of(value) for value in u])
+    ends = _ends(contributions, correlation, delta, np.random.default_rng(seed))
+    low, high = np.mean(ends, axis=0).T
+    factor = np.full(len(u), 2.0)
+    if by_degrees_of_freedom:
+        freedom = combined.degrees_of_freedom.reshape(-1)
+        factor = np.array([student_factor(PROBABILITY, value) for value in freedom])
+    # Contributors that cancel leave rounding alone: of that, neither is right.
+    delta = np.maximum(
+        delta, 1e-9 * np.sum([np.abs(c.millimetres) for c in contributions], 0).ravel()
+    )
+    halves = np.array([(end[:, 1] - end[:, 0]) / 2 for end in ends])
+    sigma = halves.std(axis=0, ddof=1) / math.sqrt(len(ends))
+    # All distributions lie evenly about 0: both ends are off by the same, but for the draw.
+    off = np.abs((high - low) / 2 - factor * u)
+    return Sampled(
+        half_width_mm=((high - low) / 2).reshape(points, 3),
+        first_order_mm=(factor * u).reshape(points, 3),
+        # What the draw alone can make is no disagreement (4 uniform ones: off by 0.992 δ).
+        agrees=(off <= delta + 2.0 * sigma).reshape(points, 3),
+        sigma_mm=sigma.reshape(points, 3),
+        trials=len(ends) * _BLOCK,
+    )
+
+
+def _ends(
+    contributions: Sequence[Contribution],
+    correlation: Correlation,
+    delta: Array,
+    random: np.random.Generator,
+) -> list[Array]:
+    """Return the interval's ends at each point and axis, (3P, 2), of as many blocks as it needs."""
     # What has other degrees of freedom at each point is drawn for each of them.
     own = [c for c in contributions if c.freedom is not None]
     shared = [c for c in contributions if c.freedom is None]
@@ -146,10 +179,7 @@ def sample(
     known = {pair: r for pair, r in correlation.items() if set(pair) <= set(names)}
     matrix = correlation_matrix(names, known)
     shapes = [c.shape for c in shared]
-    points = combined.standard_uncertainty_mm.shape[0]
-    each = np.array([c.millimetres.reshape(-1) for c in shared]).reshape(len(shared), 3 * points)
-    u = combined.standard_uncertainty_mm.reshape(-1)
-    delta = np.array([tolerance_of(value) for value in u])
+    each = np.array([c.millimetres.reshape(-1) for c in shared]).reshape(len(shared), len(delta))
     tails = [round((0.5 + side * PROBABILITY / 2) * (_BLOCK - 1)) for side in (-1, 1)]
     ends: list[Array] = []
     while len(ends) < _MOST_BLOCKS:
@@ -163,24 +193,7 @@ def sample(
         ends.append(errors[:, tails])
         if len(ends) >= 4 and np.all(_spread(ends) <= delta[:, None] / 5.0):
             break
-    low, high = np.mean(ends, axis=0).T
-    factor = np.full(len(u), 2.0)
-    if by_degrees_of_freedom:
-        freedom = combined.degrees_of_freedom.reshape(-1)
-        factor = np.array([student_factor(PROBABILITY, value) for value in freedom])
-    off = np.maximum(np.abs(low + factor * u), np.abs(high - factor * u))
-    # Contributors that cancel leave rounding alone: of that, neither is right.
-    delta = np.maximum(
-        delta, 1e-9 * np.sum([np.abs(c.millimetres) for c in contributions], 0).ravel()
-    )
-    halves = np.array([(end[:, 1] - end[:, 0]) / 2 for end in ends])
-    return Sampled(
-        half_width_mm=((high - low) / 2).reshape(points, 3),
-        first_order_mm=(factor * u).reshape(points, 3),
-        agrees=(off <= delta).reshape(points, 3),
-        sigma_mm=(halves.std(axis=0, ddof=1) / math.sqrt(len(ends))).reshape(points, 3),
-        trials=len(ends) * _BLOCK,
-    )
+    return ends
 
 
 def _spread(ends: list[Array]) -> Array:

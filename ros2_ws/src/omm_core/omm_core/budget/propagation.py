@@ -9,11 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import optimize, stats
 
 from omm_core.budget.distributions import Distribution
 from omm_core.errors import InputError
@@ -185,8 +186,8 @@ def draw(
 ) -> Array:
     """Return samples in units of the standard uncertainties, (inputs, count).
 
-    Correlated ones come from correlated normal samples, by equal probability; what the correlation
-    of two uniform quantities needs is exact (2 sin(π r / 6)).
+    Correlated ones come from correlated normal samples, by equal probability, whose own correlation
+    is such that the samples have the wanted one (:func:`normal_correlation`).
     """
     samples = np.empty((len(distributions), count))
     related = [i for i, row in enumerate(correlation) if np.count_nonzero(row) > 1]
@@ -194,8 +195,10 @@ def draw(
         wanted = correlation[np.ix_(related, related)].copy()
         for a, i in enumerate(related):
             for b, j in enumerate(related):
-                if a != b and distributions[i].kind == distributions[j].kind == "uniform":
-                    wanted[a, b] = 2.0 * math.sin(math.pi * wanted[a, b] / 6.0)
+                if a != b:
+                    wanted[a, b] = normal_correlation(
+                        distributions[i].kind, distributions[j].kind, wanted[a, b]
+                    )
         values, vectors = np.linalg.eigh(wanted)
         root = vectors * np.sqrt(np.clip(values, 0.0, None))
         normal = root @ random.standard_normal((len(related), count))
@@ -205,6 +208,39 @@ def draw(
         if i not in related:
             samples[i] = distribution.sample(random, count)
     return samples
+
+
+def normal_correlation(first: str, second: str, wanted: float) -> float:
+    """Return the correlation of two normal quantities that makes two distributions' the wanted one.
+
+    ``corr(f(z₁), g(z₂)) = Σ f_k g_k ρ^k`` with the coefficients of f and g in normalised Hermite
+    polynomials (Mehler's formula); for two uniform ones ``ρ = 2 sin(π r / 6)``. A normal and a
+    uniform quantity cannot correlate by more than √(3/π): beyond what can be, it is ±1.
+    """
+    if first == second == "normal" or wanted == 0.0:
+        return wanted
+    products = _hermite(first) * _hermite(second)
+
+    def excess(rho: float) -> float:
+        return float(np.polynomial.polynomial.polyval(rho, products)) - wanted
+
+    if excess(1.0) <= 0.0 or excess(-1.0) >= 0.0:
+        return math.copysign(1.0, wanted)
+    return float(optimize.brentq(excess, -1.0, 1.0, xtol=1e-12))
+
+
+@cache
+def _hermite(kind: str) -> Array:
+    """Return a distribution's coefficients in the normalised Hermite polynomials up to order 60."""
+    z = np.linspace(-9.0, 9.0, 20_001)
+    values = Distribution(kind=kind, standard_uncertainty=1.0).from_normal(z)
+    weight = np.exp(-(z**2) / 2.0) / math.sqrt(2.0 * math.pi) * (z[1] - z[0])
+    found, before, now = [0.0], np.zeros_like(z), np.ones_like(z)
+    for k in range(60):
+        # h_(k+1) = (z h_k - √k h_(k-1)) / √(k+1)
+        before, now = now, (z * now - math.sqrt(k) * before) / math.sqrt(k + 1.0)
+        found.append(float((weight * values * now).sum()))
+    return np.array(found)
 
 
 def tolerance_of(standard_uncertainty: float, digits: int = _DIGITS) -> float:

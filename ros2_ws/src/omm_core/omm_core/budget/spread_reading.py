@@ -21,7 +21,7 @@ SPREAD_KEYS = (*_SIGMAS, "distribution", "half_width", "coverage_factor", "degre
 def read_spread(section: YamlSection, more: tuple[str, ...] = ()) -> Distribution:
     """Read a distribution: standard_uncertainty, or half_width, with degrees of freedom."""
     section.check_keys(*SPREAD_KEYS, *more)
-    kind = section.text("distribution") if "distribution" in section else "normal"
+    kind = section.text("distribution").lower() if "distribution" in section else "normal"
     freedom = math.inf
     if "degrees_of_freedom" in section and section.get("degrees_of_freedom") != math.inf:
         freedom = section.number("degrees_of_freedom", above=0.0)
