@@ -82,6 +82,7 @@ class EstimatorNode(CountingLifecycleNode):
         # Never on /tf_static: what was latched there would outlive the clamping.
         self._frames = self.create_publisher(TFMessage, topics.TF, qos.STATE)
         self._camera_frame = self.create_publisher(TFMessage, topics.TF_STATIC, qos.LATCHED)
+        self._inputs: list[AdaptiveSubscription] = []  # health is told before there are any
         self._preparing = NOTHING
         self._diagnostics = Diagnostics(self)
         self._diagnostics.add("images", self._image_health)

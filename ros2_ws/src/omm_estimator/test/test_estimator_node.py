@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from domain_coordinator import domain_id
 from estimator_bench import Bench, bench_in_own_domain, end
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from lifecycle_msgs.msg import Transition
@@ -17,6 +19,7 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
+from omm_estimator.node import EstimatorNode
 from omm_ros import qos
 from omm_ros.conversions import image_message
 from omm_simulation.cell import Cell, draw, write_estimator_files
@@ -267,3 +270,15 @@ def test_an_estimator_that_can_get_nothing_does_not_say_that_it_is_fine(bench: B
     change = Transition(id=Transition.TRANSITION_ACTIVATE)
     bench.call(ChangeState, "/estimator/change_state", ChangeState.Request(transition=change))
     bench.until(lambda: says("nobody publishes /cnc/spindle_pose"), "word of it", lambda: lines)
+
+
+def test_health_is_told_while_kernels_are_still_compiled() -> None:
+    """That takes half a minute where they are not there yet: nothing is subscribed to then."""
+    with domain_id() as own:
+        rclpy.init(args=[], domain_id=own)
+        node = EstimatorNode()
+        try:
+            node._diagnostics.publish()
+        finally:
+            node.destroy_node()
+            rclpy.shutdown()
