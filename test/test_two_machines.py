@@ -11,7 +11,7 @@ pytest.importorskip("rclpy", reason="ROS 2 is not there")
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from omm_interfaces.msg import PartEstimate
+from omm_interfaces.msg import PartEstimate, SpindleState
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
@@ -51,8 +51,9 @@ def test_two_cells_measure_two_parts_at_the_same_time(tmp_path: Path) -> None:
         assert (f"{prefix}/machine", f"{prefix}/part") in watcher.frames
         assert live.header.frame_id == f"{prefix}/machine"
         solved = solve_run(tmp_path / prefix).result
-        assert len(solved.images) == len(live.images) == IMAGES
         assert solved.solution.theta[0] == live.theta[0]
+        # Both took their own stops' images: a busy machine's bridge may repeat a trigger.
+        assert IMAGES <= len(solved.images) == len(live.images) < 2 * IMAGES
 
 
 class _Watcher:
@@ -61,12 +62,15 @@ class _Watcher:
     def __init__(self, check: Callable[[], None]) -> None:
         self.estimates: dict[str, PartEstimate] = {}
         self.frames: set[tuple[str, str]] = set()
+        self._finished: set[str] = set()
         self._health: dict[str, bytes] = {}
         self._check = check
         self.node = node = Node("watcher")
         for namespace in MACHINES:
             hear = partial(self._on_estimate, namespace)
             node.create_subscription(PartEstimate, f"{namespace}/omm/estimate", hear, qos.LATCHED)
+            see = partial(self._on_state, namespace)
+            node.create_subscription(SpindleState, f"{namespace}/cnc/state", see, qos.STATE)
         node.create_subscription(TFMessage, "/tf", self._on_frames, qos.STATE)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
 
@@ -83,7 +87,11 @@ class _Watcher:
 
     def is_done(self, namespace: str) -> bool:
         estimate = self.estimates[namespace]
-        return len(estimate.images) == IMAGES and estimate.images_pending == 0
+        return (
+            namespace in self._finished
+            and len(estimate.images) >= IMAGES
+            and estimate.images_pending == 0
+        )
 
     def until(self, condition: Callable[[], bool], what: str) -> None:
         deadline_s = time.monotonic() + WAIT_S
@@ -94,6 +102,10 @@ class _Watcher:
 
     def _on_estimate(self, namespace: str, message: PartEstimate) -> None:
         self.estimates[namespace] = message
+
+    def _on_state(self, namespace: str, message: SpindleState) -> None:
+        if message.program_state == SpindleState.PROGRAM_FINISHED:
+            self._finished.add(namespace)
 
     def _on_frames(self, message: TFMessage) -> None:
         self.frames |= {(t.header.frame_id, t.child_frame_id) for t in message.transforms}
