@@ -113,6 +113,29 @@ def test_without_a_touched_height_z_is_undetermined_and_the_rest_is_not():
     assert np.abs(difference / sigma).max() < 0.5
 
 
+def test_a_coarse_touch_gives_the_height_its_sigma_and_bends_nothing_else():
+    seen, part, height = simulated(7)
+    fine, coarse = (
+        calibrate_by_run(
+            SENSOR,
+            seen,
+            part,
+            machine_sigma_mm=SIGMA_STOP,
+            touched=Touched(target=1, z_mm=height + off, sigma_mm=sigma),
+        )
+        for off, sigma in ((0.0, 0.005), (4.0, 5.0))
+    )
+    assert coarse.undetermined == ()
+    assert coarse.sigma0 == pytest.approx(fine.sigma0, abs=0.01)
+    factor = max(coarse.sigma0, 1.0)
+    assert np.sqrt(coarse.covariance[Z, Z]) == pytest.approx(5.0 * factor, rel=0.01)
+    assert coarse.camera[Z] - fine.camera[Z] == pytest.approx(4.0, abs=0.1)
+    others = np.arange(13) != Z
+    sigma = np.sqrt(np.diag(fine.covariance))[others]
+    assert np.sqrt(np.diag(coarse.covariance))[others] == pytest.approx(sigma, rel=0.02)
+    assert np.abs((coarse.camera - fine.camera)[others] / sigma).max() < 0.1
+
+
 def test_a_spindle_that_does_not_turn_leaves_the_place_across_open():
     result = calibrate(3, turns=(0.0,), touched=True)
     assert {"x_mm", "y_mm"} <= set(result.undetermined)

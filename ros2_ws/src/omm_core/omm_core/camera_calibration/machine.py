@@ -17,17 +17,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.adjustment import Problem, Solution, solve
+from omm_core.camera_calibration.assumed import (
+    PLACE,
+    assumed_sigmas,
+    carried_along,
+    opened_by,
+    placed,
+    without_coarse_touch,
+)
 from omm_core.camera_calibration.further_terms import further_terms, words_of_missed
 from omm_core.camera_calibration.machine_run import PlateRun, plate_problem, plate_run
 from omm_core.camera_calibration.machine_start import start_from_run
 from omm_core.camera_calibration.model import PARAMETERS, Sensor
 from omm_core.camera_calibration.moving import moved_while_taken
-from omm_core.camera_calibration.openness import (
-    camera_information,
-    open_directions,
-    sizes,
-    words_for,
-)
+from omm_core.camera_calibration.openness import sizes
 from omm_core.camera_calibration.patterns import residual_patterns, words_of_patterns
 from omm_core.camera_calibration.result import (
     CalibrationResult,
@@ -44,13 +47,8 @@ from omm_core.part_pose import Observation as Seen
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# What is assumed of a camera's place that a set leaves open: within this of the hint, or of the
-# spindle's axis (x, y) and nose (z).
-ASSUMED_SIGMA_MM = {"x_mm": 10.0, "y_mm": 10.0, "z_mm": 500.0}
-_HINTED_SIGMA_MM = 10.0
 # What the camera is held to its start within, until it is known what is open: sizes, and mm.
 _LOOSE, _LOOSE_PLACE_MM = 10.0, (100.0, 100.0, 1000.0)
-_PLACE = slice(7, 10)
 _ROBUST_ROUNDS = 8
 # A dot farther than this from where the robust start has it is not used to begin with.
 _ASTRAY_PX = 10.0
@@ -91,13 +89,14 @@ def calibrate_by_run(
     run = plate_run(sensor, seen, part, machine_sigma_mm, touched)
     camera, plate = start_from_run(sensor, run.seen, part, hint)
     values, used = _near({"camera": camera[None], "plate": plate[None]}, run)
-    information, opened = _opened(run, used, values)
-    assumed = _assumed(opened, hinted=hint is not None)
-    values = _placed(run, values, tuple(assumed), hint)
+    information, opened = opened_by(without_coarse_touch(run), used, values)
+    assumed = assumed_sigmas(opened, run, hinted=hint is not None)
+    values = placed(run, values, tuple(assumed), hint)
+    adjusted = replace(run, touched=None) if "z_mm" in assumed else run
     least = len(PARAMETERS)
 
     def adjust(used: Mask) -> tuple[Problem, Solution]:
-        problem = plate_problem(run, used, values, held=tuple(assumed))
+        problem = plate_problem(adjusted, used, values, held=tuple(assumed))
         return problem, solve(problem)
 
     weeded = weed(adjust, run.stop_of, used, least=least, refuse_moved=partial(_refuse_moved, run))
@@ -105,7 +104,7 @@ def calibrate_by_run(
     solution, used = weeded.solution, weeded.used
     require_determined(sensor, solution)
     result = _result(run, weeded, assumed)
-    carried = _carried(information, tuple(assumed))
+    carried = carried_along(information, tuple(assumed))
     assumption = carried @ np.diag([sigma**2 for sigma in assumed.values()]) @ carried.T
     return replace(result, covariance=result.covariance + assumption)
 
@@ -113,7 +112,7 @@ def calibrate_by_run(
 def _near(values: dict[str, Array], run: PlateRun) -> tuple[dict[str, Array], Mask]:
     """Return a camera and a plate that fit about, whatever the set leaves open, and what fits."""
     loose = _LOOSE * sizes(run.sensor, float(values["camera"][0, 0]))
-    loose[_PLACE] = _LOOSE_PLACE_MM
+    loose[PLACE] = _LOOSE_PLACE_MM
     used = np.ones(len(run.pixels), dtype=bool)
     inflation = np.ones(len(run.pixels))
     for _ in range(_ROBUST_ROUNDS):
@@ -128,58 +127,6 @@ def _near(values: dict[str, Array], run: PlateRun) -> tuple[dict[str, Array], Ma
     used = near if near.mean() >= 0.8 else used
     found = solve(plate_problem(run, used, values, loose=loose), iterations=30).values
     return {name: found[name] for name in ("camera", "plate")}, used
-
-
-def _opened(
-    run: PlateRun, used: Mask, values: dict[str, Array]
-) -> tuple[Array, list[tuple[str, ...]]]:
-    """Return what the set tells of the camera (13, 13), and the directions that it leaves open."""
-    problem = plate_problem(run, used, values)
-    start = {group.name: group.values for group in problem.groups}
-    information = camera_information(problem, start)
-    size = sizes(run.sensor, float(values["camera"][0, 0]))
-    return information, open_directions(information, size)
-
-
-def _assumed(opened: list[tuple[str, ...]], *, hinted: bool) -> dict[str, float]:
-    """Return the lengths to assume with their sigma; raise where more than the place is open."""
-    names = {name for direction in opened for name in direction}
-    if names - set(ASSUMED_SIGMA_MM):
-        raise MeasurementError(
-            f"The set leaves {words_for(opened)}. Take images of the whole plate at several heights"
-            " and places, and with the spindle turned."
-        )
-    return {
-        name: _HINTED_SIGMA_MM if hinted else sigma
-        for name, sigma in ASSUMED_SIGMA_MM.items()
-        if name in names
-    }
-
-
-def _placed(
-    run: PlateRun, values: dict[str, Array], names: tuple[str, ...], hint: Array | None
-) -> dict[str, Array]:
-    """Return the values with what is assumed set, and the plate moved along with it."""
-    camera, plate = values["camera"].copy(), values["plate"].copy()
-    for name in names:
-        at = PARAMETERS.index(name)
-        assumed = 0.0 if hint is None else hint[at]
-        plate[0, 3:] += run.rotations[0][:, at - _PLACE.start] * (assumed - camera[0, at])
-        camera[0, at] = assumed
-    return {"camera": camera, "plate": plate}
-
-
-def _carried(information: Array, names: tuple[str, ...]) -> Array:
-    """Return how the camera moves with what is assumed, (13, A): rows of ``names`` are unit."""
-    at = [PARAMETERS.index(name) for name in names]
-    rest = [i for i in range(len(PARAMETERS)) if i not in at]
-    carried = np.zeros((len(PARAMETERS), len(at)))
-    carried[at] = np.eye(len(at))
-    scale = 1.0 / np.sqrt(np.diag(information)[rest])
-    known = information[np.ix_(rest, rest)] * np.outer(scale, scale)
-    moved = np.linalg.solve(known, information[np.ix_(rest, at)] * scale[:, None])
-    carried[rest] = -moved * scale[:, None]
-    return carried
 
 
 def _result(run: PlateRun, weeded: Weeded, assumed: dict[str, float]) -> CalibrationResult:
@@ -213,7 +160,11 @@ def _result(run: PlateRun, weeded: Weeded, assumed: dict[str, float]) -> Calibra
         images=len(run.places),
         covered_mm=(float(depth.min()), float(depth.max())),
         dots_mm=in_taper,
-        undetermined=tuple(name for name in PARAMETERS if name in assumed),
+        undetermined=tuple(
+            name
+            for name in PARAMETERS
+            if name in assumed and not (name == "z_mm" and run.touched is not None)
+        ),
     )
     block = next(b for b in weeded.problem.blocks if b.name == "pixels")
     terms = further_terms(run.sensor, camera, block, solution)
@@ -280,6 +231,12 @@ def _findings(run: PlateRun, weeded: Weeded, assumed: dict[str, float]) -> tuple
     ]
     for name, sigma in assumed.items():
         value = solution.values["camera"][0, PARAMETERS.index(name)]
+        if name == "z_mm" and run.touched is not None:
+            found.append(
+                f"z_mm is known as the touch is: {value:.1f} mm, sigma {sigma:g} mm; touch the"
+                " target more finely"
+            )
+            continue
         words = (
             f"{name} is undetermined by this set; assumed {value:.1f} within {sigma:g} mm (sigma)"
         )
