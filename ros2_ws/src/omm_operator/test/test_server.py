@@ -5,6 +5,7 @@ import contextlib
 import http.client
 import json
 import re
+import socket
 import ssl
 import subprocess
 import time
@@ -19,6 +20,7 @@ from omm_operator.operating import Operation, Refused
 from omm_operator.screen.facts import EstimateFact, OffsetFact
 from omm_operator.screen.handing import HandingOptions
 from omm_operator.screen.screen import Screen
+from omm_operator.web import serving
 from omm_operator.web.access import Hosts, Sessions, is_loopback
 from omm_operator.web.application import application
 from omm_operator.web.handlers import COOKIE, FILES
@@ -260,6 +262,15 @@ def served_cookie(served: Served) -> str:
         answer.read()
         (cookie,) = [c for c in answer.msg.get_all("Set-Cookie") or [] if c.startswith(COOKIE)]
         return cookie
+
+
+def test_a_request_that_is_never_finished_is_hung_up_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(serving, "IDLE_S", 0.2)
+    page = Served()
+    with socket.create_connection(("127.0.0.1", page.port), timeout=10.0) as slow:
+        slow.sendall(b"GET / HTTP/1.1\r\nHost: 127.0.0.1")
+        assert slow.recv(1) == b""
+    page.server.close()
 
 
 def test_a_token_of_another_computer_is_good_once_and_has_its_role() -> None:

@@ -18,7 +18,8 @@ from omm_operator.screen.commands import LARGEST_BODY
 from omm_ros.leaving import leave
 
 END_S = 3.0
-_IDLE_S = 3600.0
+# Whoever opens connections and never finishes a request must not keep others out for long.
+IDLE_S = 60.0
 
 
 def listen(address: str, port: int) -> tuple[list[socket.socket], int]:
@@ -129,7 +130,7 @@ class ServerThread:
             ssl_options=self._context,
             max_body_size=4 * LARGEST_BODY,
             max_header_size=16_384,
-            idle_connection_timeout=_IDLE_S,
+            idle_connection_timeout=IDLE_S,
             body_timeout=10.0,
             xheaders=False,
         )
