@@ -37,12 +37,16 @@ MACHINES = Path(get_package_share_directory("omm_cnc_bridge")) / "machines"
 class CellWithPage:
     """The nodes of a cell as processes, the hands at its jacks, and what the page commanded."""
 
-    def __init__(self, folder: Path, port: int, *, tilt_rad: float, seed: int = 3) -> None:
+    def __init__(
+        self, folder: Path, port: int, *, tilt_rad: float, seed: int = 3, speed_factor: float = 1.0
+    ) -> None:
         self.folder, self.port = folder, port
         cell = draw(load_scenario("bench"), seed)
         part_file, calibration_file = write_estimator_files(cell, folder)
         add_wishes(part_file, cell)
         specs = simulated_cell(folder, scenario="bench", seed=seed)
+        bridge = next(spec for spec in specs if spec.name == "cnc_bridge")
+        bridge.parameters["speed_factor"] = speed_factor
         page = operators_page(folder, port=port, stops=len(cell.stops))
         scene = NodeSpec(
             package="omm_operator", executable="scene_node", name="scene",
