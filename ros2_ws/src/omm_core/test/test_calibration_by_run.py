@@ -35,6 +35,7 @@ def simulated(
     sides=(-1, 1),
     nominal=NOMINAL,
     place=None,
+    tilt=0.0,
 ):
     """A run over a plate; returns observations, the nominal part, the true height of target 1."""
     rng = np.random.default_rng(seed)
@@ -50,6 +51,13 @@ def simulated(
         told = RigidTransform.from_euler_xyz_rad(
             0.0, 0.0, np.radians(turn), centre + [30 * side, -20 * side, height + 320]
         )
+        if tilt:
+            lean = RigidTransform.from_euler_xyz_rad(*rng.uniform(-tilt, tilt, 2), 0.0)
+            nose = told.translation_mm - centre
+            told = RigidTransform(
+                rotation=lean.rotation @ told.rotation,
+                translation_mm=centre + lean.rotation @ nose,
+            )
         stood = told.translation_mm + rng.normal(0, SIGMA_STOP, 3)
         for target, point in enumerate(true, start=1):
             outline = circle_points(point[None], np.array([[0, 0, 1.0]]), np.array([6.0]))[0]
@@ -142,6 +150,15 @@ def test_a_spindle_that_does_not_turn_leaves_the_place_across_open():
     assert "gamma_rad" not in result.undetermined
     f = result.camera[0] - TRUTH[0]
     assert abs(f) < 5 * np.sqrt(result.covariance[0, 0])
+
+
+def test_a_spindle_that_tilts_gives_the_height_without_a_touch():
+    result = calibrate(5, touched=False, tilt=0.2)
+    assert result.undetermined == ()
+    assert result.sigma0 == pytest.approx(1.0, abs=0.2)
+    sigma = np.sqrt(np.diag(result.covariance))
+    assert sigma[Z] < 0.5
+    assert np.abs((result.camera - TRUTH) / sigma).max() < 4.5
 
 
 def test_one_height_over_a_flat_plate_leaves_focal_length_and_height_open_together():

@@ -27,7 +27,7 @@ from omm_core.camera_calibration.assumed import (
 )
 from omm_core.camera_calibration.further_terms import further_terms, words_of_missed
 from omm_core.camera_calibration.machine_run import PlateRun, plate_problem, plate_run
-from omm_core.camera_calibration.machine_start import start_from_run
+from omm_core.camera_calibration.machine_start import spindle_tilts, start_from_run
 from omm_core.camera_calibration.model import PARAMETERS, Sensor
 from omm_core.camera_calibration.moving import moved_while_taken
 from omm_core.camera_calibration.openness import sizes
@@ -115,8 +115,9 @@ def _near(values: dict[str, Array], run: PlateRun) -> tuple[dict[str, Array], Ma
     loose[PLACE] = _LOOSE_PLACE_MM
     used = np.ones(len(run.pixels), dtype=bool)
     inflation = np.ones(len(run.pixels))
+    held = () if spindle_tilts(run.rotations) else ("z_mm",)
     for _ in range(_ROBUST_ROUNDS):
-        problem = plate_problem(run, used, values, held=("z_mm",), loose=loose, coarse=inflation)
+        problem = plate_problem(run, used, values, held=held, loose=loose, coarse=inflation)
         solution = solve(problem, iterations=30)
         values = {name: solution.values[name] for name in ("camera", "plate")}
         away = np.linalg.norm(solution.residuals["pixels"], axis=1)
