@@ -69,11 +69,12 @@ def _residual_figure(result: CalibrationResult) -> Figure:
     residual = np.array([o.residual_px for o in used])
     figure = Figure(figsize=(7, 5), layout="constrained")
     axes = figure.subplots()
-    scale = max(result.rms_px, 1e-9) / (0.02 * result.sensor.width_px)
-    arrows = axes.quiver(
-        *at.T, *residual.T, angles="xy", scale_units="xy", scale=scale, width=0.0015
+    drawn = 0.02 * result.sensor.width_px
+    scale = max(result.rms_px, 1e-9) / drawn
+    axes.quiver(*at.T, *residual.T, angles="xy", scale_units="xy", scale=scale, width=0.0015)
+    axes.set_title(
+        f"an arrow {drawn:.0f} px long is a residual of {result.rms_px:.4f} px", fontsize=9
     )
-    axes.quiverkey(arrows, 0.85, 1.03, result.rms_px, f"{result.rms_px:.4f} px", labelpos="E")
     _as_sensor(axes, result)
     return figure
 

@@ -46,9 +46,11 @@ def calibration_document(result: CalibrationResult, source: str) -> bytes:
     document.heading("Geometry of the set")
     document.figure(figures["geometry"]())
     document.heading("Residuals")
-    document.figure(figures["residuals"](), caption="Predicted minus measured, enlarged.")
+    document.figure(figures["residuals"](), caption="Predicted minus measured.", width_mm=140)
     document.heading("Distortion")
-    document.figure(figures["distortion"](), caption="Measured to ideal, enlarged 10 times.")
+    document.figure(
+        figures["distortion"](), caption="Measured to ideal, enlarged 10 times.", width_mm=140
+    )
     document.heading("Correlations")
     document.paragraph(
         "beta with cl0 and alpha with rw0 are always strongly correlated; that is harmless."
