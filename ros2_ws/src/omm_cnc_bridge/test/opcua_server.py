@@ -57,6 +57,7 @@ class OpcUaTestServer:
         self._plain_too = plain_too
         self.users = OneUser()
         self._stop = threading.Event()
+        self.referenced: object = True
         self._ready = threading.Event()
         self._thread = threading.Thread(target=lambda: asyncio.run(self._run()), daemon=True)
 
@@ -110,7 +111,7 @@ class OpcUaTestServer:
                 await indirect.add_property(0, "EngineeringUnits", units)
                 self._nodes[name, "PosIndirect"] = indirect
             self._nodes[name, "ActStatus"] = await axis.add_variable(ns, "ActStatus", 0)
-            await axis.add_variable(ns, "IsReferenced", True)
+            await axis.add_variable(ns, "IsReferenced", self.referenced)
         for name, variables in self.more.items():
             axis = await axes.add_object(ns, name)
             for variable, value in variables.items():

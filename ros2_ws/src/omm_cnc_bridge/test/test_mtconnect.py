@@ -190,6 +190,12 @@ def sample_text(header: str = "", value: str = "1.5", stamp: str = "2026-01-01T0
     ).encode()
 
 
+def test_a_value_that_the_agent_calls_invalid_is_none() -> None:
+    text = sample_text().replace(b"<Position ", b'<Position quality="INVALID" ')
+    assert read_document(text).observations[0].text == "INVALID: 1.5"
+    assert read_document(sample_text()).observations[0].text == "1.5"
+
+
 @pytest.mark.parametrize(
     "text",
     [
@@ -211,7 +217,7 @@ def test_a_document_that_is_none_is_refused_in_words(text: bytes) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["", "1,5", "nan", "inf", "1e999", "1e300", "9" * 5000, "0x10", "a"]
+    "text", ["", "1,5", "nan", "inf", "1e999", "1e300", "9" * 5000, "0x10", "a", "1_0", "١٢"]
 )
 def test_a_position_that_is_no_number_is_told_by_its_axis(
     control: MtConnectControl, agent: Agent, text: str

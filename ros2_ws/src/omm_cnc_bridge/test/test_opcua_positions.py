@@ -130,6 +130,15 @@ def test_a_direct_position_that_is_not_supported_gives_way_to_the_indirect():
     assert any("BadNotSupported" in note for note in last.notes)
 
 
+@pytest.mark.parametrize(("told", "referenced"), [(1, True), (0, False), ("no", False)])
+def test_only_a_yes_says_that_an_axis_is_referenced(told, referenced):
+    """Controls say it as a number, too, and 0 is not False to Python's ``is``."""
+    with make_server(referenced=told) as server:
+        last = heard(server)
+    assert ("X" in last.unusable) is not referenced
+    assert referenced or "is not referenced" in last.unusable["X"]
+
+
 @pytest.mark.parametrize("mark", ["IsVirtual", "IsInactive"])
 def test_an_axis_that_the_control_marks_as_none_blocks_nothing(mark):
     with make_server(more={"V": {"PosDirect": None, mark: True}}) as server:

@@ -26,6 +26,12 @@ def test_a_limit_that_is_no_number_is_told_with_file_joint_and_attribute(tmp_pat
     assert repr(text) in str(error.value)
 
 
+def test_a_robot_of_a_namespace_is_a_robot(tmp_path):
+    """As some editors write it; its links and joints are of the same namespace."""
+    plain, named = (Kinematics.load(written(tmp_path, more=m)) for m in ("", 'xmlns="urn:x"'))
+    assert [a.name for a in named.axes] == [a.name for a in plain.axes] == ["X"]
+
+
 XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
 
 

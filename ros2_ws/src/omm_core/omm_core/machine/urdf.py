@@ -6,6 +6,7 @@ collision, inertial, transmission, …) may be there and are passed over.
 
 from __future__ import annotations
 
+import copy
 import math
 import shutil
 import subprocess
@@ -109,6 +110,7 @@ def expand_xacro(path: Path) -> str:
 
 def parse_urdf(root: ET.Element) -> Robot:
     """Read a ``robot`` element. Raises InputError where it is not a tree of known joints."""
+    root = _without_namespace(root)
     if root.tag != "robot":
         raise InputError(f"Expected the element robot, got {root.tag}. Is xacro still to be run?")
     links = tuple(_attribute(link, "name") for link in root.findall("link"))
@@ -116,6 +118,18 @@ def parse_urdf(root: ET.Element) -> Robot:
     return Robot(
         name=_attribute(root, "name"), root=_root(links, joints), links=links, joints=joints
     )
+
+
+def _without_namespace(root: ET.Element) -> ET.Element:
+    """Return a copy whose elements of the root's own namespace have their plain names."""
+    namespace, brace, _ = root.tag.rpartition("}")
+    if not brace:
+        return root
+    plain = copy.deepcopy(root)
+    for element in plain.iter():
+        if isinstance(element.tag, str):
+            element.tag = element.tag.removeprefix(namespace + brace)
+    return plain
 
 
 def _root(links: tuple[str, ...], joints: tuple[Joint, ...]) -> str:

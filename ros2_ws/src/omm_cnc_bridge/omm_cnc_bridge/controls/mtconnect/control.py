@@ -238,6 +238,8 @@ class MtConnectControl:
 
 def _number(text: str, scale: float) -> float | None:
     """Return a position; None where the text is none (an agent passes on what an adapter sends)."""
+    if "_" in text or not text.isascii():  # Python takes both for digits
+        return None
     try:
         value = float(text) * scale
     except ValueError:

@@ -139,7 +139,7 @@ def read_document(text: bytes) -> Document:
             item_id=element.get("dataItemId", ""),
             sequence=_count(element, "sequence"),
             stamp_ns=stamp_ns(element.get("timestamp", "")),
-            text=(element.text or "").strip(),
+            text=_text(element),
         )
         for element in root.iter()
         if element.get("dataItemId") and element.get("sequence")
@@ -157,6 +157,12 @@ def read_document(text: bytes) -> Document:
         buffer_size=_count(header, "bufferSize"),
         observations=tuple(sorted(observed, key=lambda o: o.sequence)),
     )
+
+
+def _text(element: ET.Element) -> str:
+    """Return what was observed; no value where the agent itself calls it invalid (2.x)."""
+    text = (element.text or "").strip()
+    return f"INVALID: {text}" if element.get("quality") == "INVALID" else text
 
 
 def stamp_ns(text: str) -> int:

@@ -227,10 +227,10 @@ class SampleMaker:
                 continue
             choice = self._chosen.get(axis)
             unusable[axis] = choice.why if choice else self._reading(axis, "position").why_not
-        lost = [a for (a, item), v in self._values.items() if item == "referenced" and v is False]
-        for axis in lost:
-            if axis in positions:
-                unusable[axis] = "is not referenced"
+        for (axis, item), value in self._values.items():
+            # Anything but a yes is a no: controls say it as a number, too.
+            if item == "referenced" and axis in positions and not _is_yes(value):
+                unusable[axis] = f"is not referenced (expected true or 1, got {value!r:.80})"
         for (axis, item), why in self._bad.items():
             if axis in positions and item in _PROOF:
                 unusable[axis] = f"{item} is {why}"
@@ -257,6 +257,10 @@ class SampleMaker:
 def _ns(stamp: Any) -> int:
     """Return a timestamp as nanoseconds since the epoch, without the rounding of floats."""
     return calendar.timegm(stamp.timetuple()) * 1_000_000_000 + stamp.microsecond * 1000
+
+
+def _is_yes(value: object) -> bool:
+    return isinstance(value, (bool, int)) and value == 1
 
 
 def _number(value: object) -> float | None:
