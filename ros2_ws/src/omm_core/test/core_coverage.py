@@ -334,7 +334,7 @@ def finds(cell: CoverageCell, wrong: str, seed: int) -> bool:
     elif wrong == "other pose":
         seen[index] = replace(seen[index], machine_T_spindle=seen[other].machine_T_spindle)
         right[index] = True
-        words = [f"{seen[index].stamp_ns} ns is not where it was taken"]
+        words = [f"{seen[index].stamp_ns} ns) is not where it was taken"]
     else:
         others = [t.id for t in drawn.part.targets if t.id != seen[index].target_id]
         read_as = int(random.choice(others))

@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 _SHRUNK = 8
 _LEVELS = (0.06, 0.15, 0.35, 0.6)  # of the brightest dot's contrast
 _BRIGHT_PART = 60  # of 255: light around, from which on half of it lies above a label's dark
+_LABEL = 1.8  # dots wide, at least, is the dark that a dot on a bright part lies on
 _MARGIN = 1.15  # around a ring
 
 
@@ -108,10 +109,23 @@ def _candidates(
     if bright.any():  # a dot on a dark label need not be brighter than the part around the label
         half = cv2.subtract(grey, cv2.convertScaleAbs(around, alpha=0.5))
         half[bright == 0] = 0
-        found += _components(half, 0.0, options, rings)
+        on_part = _components(half, 0.0, options, rings)
+        found += [ellipse for ellipse in on_part if _is_on_a_label(half, ellipse)]
     if not found:
         return np.empty((0, 6))
     return np.column_stack([np.array(found), np.full(len(found), float(sign))])
+
+
+def _is_on_a_label(lifted: NDArray[np.uint8], ellipse: Array) -> bool:
+    """Tell whether dark lies all around, as wide as a label's: letters have holes, too."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+    spread = np.linalg.inv(np.array([[ellipse[2], ellipse[3]], [ellipse[3], ellipse[4]]]))
+    circle = _LABEL * np.stack([np.cos(turn), np.sin(turn)])
+    cols, rows = np.rint(np.linalg.cholesky(spread) @ circle + ellipse[:2, None]).astype(int)
+    height, width = lifted.shape
+    if cols.min() < 0 or rows.min() < 0 or cols.max() >= width or rows.max() >= height:
+        return False
+    return not lifted[rows, cols].any()
 
 
 def _components(
