@@ -177,6 +177,7 @@ def test_two_demos_at_once_do_not_hear_each_other(tmp_path: Path) -> None:
         assert process.returncode == 0, told
     for scenario, images in (("bench", 8), ("industrial", 16)):
         content = json.loads((tmp_path / f"{scenario}.json").read_text())
-        # A busy machine may answer a trigger too late, and the bridge then takes one image more.
-        assert images <= len(content["result"]["images"]) < 8 + images
+        # Where a busy machine answers a trigger too late, the bridge says so and takes another.
+        repeats = (tmp_path / scenario / "log" / "cnc_bridge.log").read_text().count("(attempt ")
+        assert images <= len(content["result"]["images"]) <= images + repeats
         assert np.all(np.abs(errors_in_sigma(content)) < 4.5)

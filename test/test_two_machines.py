@@ -52,8 +52,9 @@ def test_two_cells_measure_two_parts_at_the_same_time(tmp_path: Path) -> None:
         assert live.header.frame_id == f"{prefix}/machine"
         solved = solve_run(tmp_path / prefix).result
         assert solved.solution.theta[0] == live.theta[0]
-        # Both took their own stops' images: a busy machine's bridge may repeat a trigger.
-        assert IMAGES <= len(solved.images) == len(live.images) < 2 * IMAGES
+        # Where a busy machine answers a trigger too late, the bridge says so and takes another.
+        repeats = (tmp_path / "log" / f"{prefix}-cnc_bridge.log").read_text().count("(attempt ")
+        assert IMAGES <= len(solved.images) == len(live.images) <= IMAGES + repeats
 
 
 class _Watcher:

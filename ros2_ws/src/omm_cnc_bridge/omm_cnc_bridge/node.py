@@ -66,6 +66,7 @@ class CncBridgeNode(CountingNode):
         self._judge = make_judge(p, machine)
         self._leading = Leading(self, self._control, p, machine)
         self._handshake = make_handshake(p, self._leading)
+        self._attempt_told: Words = NOTHING
         self._lock = threading.Lock()  # around the handshake
         self._connection, self._detail = Connection.DISCONNECTED, _NOT_YET
         self._judged: JudgedSample | None = None
@@ -162,6 +163,10 @@ class CncBridgeNode(CountingNode):
         self._leading.heard(sample)
         with self._lock:
             action = self._handshake.sample(sample, judged.rest_since_ns, now_ns)
+            trouble, status = self._handshake.trouble, self._handshake.status
+        if trouble and trouble != self._attempt_told:
+            self.get_logger().warning(f"image {self._handshake.request}: {status}")
+        self._attempt_told = trouble
         changed = self._judged is None or _noteworthy(self._judged) != _noteworthy(judged)
         self._judged = judged
         if changed or action is not None:
@@ -225,8 +230,6 @@ class CncBridgeNode(CountingNode):
     def _answer(self, action: Trigger, image_ns: int | None, message: str) -> None:
         with self._lock:
             self._handshake.image(action.attempt, image_ns, message, time.time_ns())
-        if image_ns is None:
-            self.get_logger().warning(f"image {self._handshake.request}: {self._handshake.status}")
 
     # --- state ---------------------------------------------------------------------------------
 

@@ -33,6 +33,7 @@ class Bench:
         self.images_ns = []
         self.diagnostics = {}
         self.camera_works = True
+        self.camera_takes_s = 0.0
         n = self.node
         n.create_subscription(PoseStamped, "/cnc/spindle_pose", self._on_pose, qos.POSE)
         n.create_subscription(
@@ -54,6 +55,7 @@ class Bench:
 
     def _on_trigger(self, request, response):
         self.triggered += 1
+        time.sleep(self.camera_takes_s)
         response.success, response.message = self.camera_works, "out of light"
         response.stamp = self.node.get_clock().now().to_msg()
         self.images_ns.append(stamp_ns(response.stamp))

@@ -51,6 +51,16 @@ def test_a_camera_that_says_nothing_of_itself_is_asked_all_the_same(bench, start
     assert bench.spin(40.0, lambda: bench.triggered > 0)
 
 
+def test_an_image_that_came_too_late_and_is_taken_again_stands_in_the_log(bench, start_node):
+    bench.camera_takes_s = 0.5
+    limits = {"trigger_attempts": 2, "trigger_timeout_s": 0.1, "retry_s": 0.0}
+    process = start_node(seed=3, speed_factor=4.0, **limits)
+    assert bench.spin(40.0, lambda: bench.triggered > 1)
+    process.send_signal(signal.SIGINT)
+    _, text = process.communicate(timeout=10)
+    assert "the camera did not answer in time (attempt 1 of 2)" in text
+
+
 def test_a_camera_that_fails_is_told_and_the_program_is_not_answered(bench, start_node):
     bench.camera_works = False
     start_node(seed=3, speed_factor=4.0, trigger_attempts=2, retry_s=0.1)
