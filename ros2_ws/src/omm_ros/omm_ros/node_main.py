@@ -93,12 +93,13 @@ def _run(
     node = None
     executor = None
     try:
+        # One thread needs no pool, and handing a message to one costs as much as taking it. Before
+        # the node, which may publish: rclpy tells of an error where a signal meets it half made.
+        one = threads == 1
+        executor = SingleThreadedExecutor() if one else MultiThreadedExecutor(num_threads=threads)
         node = make()
         if isinstance(node, LifecycleNode):
             node.declare_parameter(AUTOSTART, True, _AUTOSTART)
-        # One thread needs no pool, and handing a message to one costs as much as taking it.
-        one = threads == 1
-        executor = SingleThreadedExecutor() if one else MultiThreadedExecutor(num_threads=threads)
         executor.add_node(node)
         if isinstance(node, LifecycleNode):
             _autostart(node)
