@@ -51,7 +51,10 @@ def best_start(sensor: Sensor, outlines: Array, pixels: Array, starts: list[Arra
 def _fitted(
     sensor: Sensor, points: Array, pixels: Array, starts: list[Array]
 ) -> tuple[float, Array]:
-    """Return the median residual (px) and the camera that fits points (N, 1, 3) best."""
+    """Return the median residual (px) and the camera that fits points (N, 1, 3) best.
+
+    The residual is infinite where no camera sees all points.
+    """
     found: list[tuple[float, Array]] = []
     held = np.zeros((1, 13), dtype=bool)
     held[0, 3:7] = True
@@ -92,9 +95,4 @@ def _fitted(
         found.append((left, camera))
         if left < 1.0:
             break
-    if not found:
-        raise MeasurementError(
-            "Expected dots that a camera along the taper's axis can see, got a set that none fits. "
-            "Check the axes of the places (taper frame) and which image belongs to which place."
-        )
-    return min(found, key=lambda pair: pair[0])
+    return min(found, key=lambda pair: pair[0], default=(np.inf, np.zeros(len(held[0]))))
