@@ -227,3 +227,18 @@ def test_too_few_images_are_told():
     seen, part, _ = simulated(1)
     with pytest.raises(MeasurementError, match="at least 3 images"):
         calibrate_by_run(SENSOR, [o for o in seen if o.stamp_ns < 2], part, machine_sigma_mm=0.002)
+
+
+@pytest.mark.parametrize("sigma_mm", [0.005, 5.0])
+def test_a_touch_across_a_horizontal_spindle_does_not_give_z(sigma_mm):
+    """Which goes with the plate's distance along the spindle's axis, and that was not touched."""
+    seen, part, _ = simulated(3)
+    lying = RigidTransform.from_euler_xyz_rad(np.pi / 2, 0.0, 0.0)
+    turned = [dataclasses.replace(o, machine_T_spindle=lying @ o.machine_T_spindle) for o in seen]
+    true = NOMINAL[0] + np.random.default_rng(3).normal(0, SIGMA_TARGET, NOMINAL.shape)[0]
+    height = (lying @ (MACHINE_T_PLATE @ true))[2]
+    touch = Touched(target=1, z_mm=float(height), sigma_mm=sigma_mm)
+    result = calibrate_by_run(SENSOR, turned, part, machine_sigma_mm=SIGMA_STOP, touched=touch)
+    assert result.undetermined == ("z_mm",)
+    assert np.sqrt(result.covariance[Z, Z]) > 400.0
+    assert result.sigma0 == pytest.approx(1.0, abs=0.2)

@@ -20,6 +20,7 @@ from omm_core.camera_calibration.openness import (
     words_for,
 )
 from omm_core.errors import MeasurementError
+from omm_core.files.calibration_set import Touched
 from omm_core.geometry import rotation_from_euler_xyz_rad
 
 Array = NDArray[np.float64]
@@ -31,14 +32,27 @@ ASSUMED_SIGMA_MM = {"x_mm": 10.0, "y_mm": 10.0, "z_mm": 500.0}
 _HINTED_SIGMA_MM = 10.0
 # A touch with more than this is no observation to adjust with: z is held where it puts it.
 _COARSE_TOUCH_MM = 0.5
+# A touch gives a height (machine Z); it is one along the spindle's axis where that is this upright.
+_UPRIGHT = 0.5
 PLACE = slice(7, 10)
+
+
+def coarse_touch(run: PlateRun) -> Touched | None:
+    """Return the touch where it is too coarse to adjust with, but tells z_mm."""
+    touched = run.touched
+    if touched is None or touched.sigma_mm <= _COARSE_TOUCH_MM or abs(_upright(run)) < _UPRIGHT:
+        return None
+    return touched
 
 
 def without_coarse_touch(run: PlateRun) -> PlateRun:
     """Return the run without its touch, where that is a coarse one."""
-    touched = run.touched
-    coarse = touched is not None and touched.sigma_mm > _COARSE_TOUCH_MM
-    return replace(run, touched=None) if coarse else run
+    return run if coarse_touch(run) is None else replace(run, touched=None)
+
+
+def _upright(run: PlateRun) -> float:
+    """Return the height that a length along the spindle's axis makes."""
+    return float(run.rotations[0][2, 2])
 
 
 def opened_by(
@@ -67,8 +81,9 @@ def assumed_sigmas(
         for name, sigma in ASSUMED_SIGMA_MM.items()
         if name in names
     }
-    if "z_mm" in sigmas and run.touched is not None:
-        sigmas["z_mm"] = run.touched.sigma_mm
+    touched = coarse_touch(run)
+    if "z_mm" in sigmas and touched is not None:
+        sigmas["z_mm"] = touched.sigma_mm / abs(_upright(run))
     return sigmas
 
 
@@ -77,23 +92,23 @@ def placed(
 ) -> dict[str, Array]:
     """Return the values with what is assumed set, and the plate moved along with it."""
     camera, plate = values["camera"].copy(), values["plate"].copy()
+    touched = coarse_touch(run)
     for name in names:
         at = PARAMETERS.index(name)
         axis = run.rotations[0][:, at - PLACE.start]
         step = (0.0 if hint is None else hint[at]) - camera[0, at]
-        if name == "z_mm" and run.touched is not None:
-            step = _below_touch(run, plate[0]) / axis[2]
+        if name == "z_mm" and touched is not None:
+            step = _below_touch(run, touched, plate[0]) / _upright(run)
         plate[0, 3:] += axis * step
         camera[0, at] += step
     return {"camera": camera, "plate": plate}
 
 
-def _below_touch(run: PlateRun, plate: Array) -> float:
+def _below_touch(run: PlateRun, touched: Touched, plate: Array) -> float:
     """Return by how much the touched target lies too low, mm."""
-    assert run.touched is not None
-    xyz = run.xyz[run.target_ids.index(run.touched.target)]
+    xyz = run.xyz[run.target_ids.index(touched.target)]
     height = rotation_from_euler_xyz_rad(*plate[:3])[2] @ xyz + plate[5]
-    return float(run.touched.z_mm - height)
+    return float(touched.z_mm - height)
 
 
 def carried_along(information: Array, names: tuple[str, ...]) -> Array:

@@ -21,6 +21,7 @@ from omm_core.camera_calibration.assumed import (
     PLACE,
     assumed_sigmas,
     carried_along,
+    coarse_touch,
     opened_by,
     placed,
     without_coarse_touch,
@@ -92,7 +93,7 @@ def calibrate_by_run(
     information, opened = opened_by(without_coarse_touch(run), used, values)
     assumed = assumed_sigmas(opened, run, hinted=hint is not None)
     values = placed(run, values, tuple(assumed), hint)
-    adjusted = replace(run, touched=None) if "z_mm" in assumed else run
+    adjusted = without_coarse_touch(run) if "z_mm" in assumed else run
     least = len(PARAMETERS)
 
     def adjust(used: Mask) -> tuple[Problem, Solution]:
@@ -164,7 +165,7 @@ def _result(run: PlateRun, weeded: Weeded, assumed: dict[str, float]) -> Calibra
         undetermined=tuple(
             name
             for name in PARAMETERS
-            if name in assumed and not (name == "z_mm" and run.touched is not None)
+            if name in assumed and not (name == "z_mm" and coarse_touch(run) is not None)
         ),
     )
     block = next(b for b in weeded.problem.blocks if b.name == "pixels")
@@ -232,7 +233,7 @@ def _findings(run: PlateRun, weeded: Weeded, assumed: dict[str, float]) -> tuple
     ]
     for name, sigma in assumed.items():
         value = solution.values["camera"][0, PARAMETERS.index(name)]
-        if name == "z_mm" and run.touched is not None:
+        if name == "z_mm" and coarse_touch(run) is not None:
             found.append(
                 f"z_mm is known as the touch is: {value:.1f} mm, sigma {sigma:g} mm; touch the"
                 " target more finely"
@@ -241,11 +242,11 @@ def _findings(run: PlateRun, weeded: Weeded, assumed: dict[str, float]) -> tuple
         words = (
             f"{name} is undetermined by this set; assumed {value:.1f} within {sigma:g} mm (sigma)"
         )
-        why = (
-            "touch a target of the plate and add 'touched' to the set"
-            if name == "z_mm"
-            else "take images with the spindle turned (C) as well"
-        )
+        why = "take images with the spindle turned (C) as well"
+        if name == "z_mm" and run.touched is not None:
+            why = "the touch gives a height (machine Z), which lies across this spindle's axis"
+        elif name == "z_mm":
+            why = "touch a target of the plate and add 'touched' to the set"
         found.append(f"{words}: {why}")
     single = ~used & ~np.isin(run.stop_of, weeded.whole_images)
     if single.any():
