@@ -25,6 +25,8 @@ from omm_core.files.outside import read_bytes
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm")
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 _FLAGS = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+_LOGGING = getattr(cv2.utils, "logging", cv2)  # OpenCV 4.6 (Ubuntu 24.04) has it in cv2
+_ONLY_ERRORS = 2
 _NOISE = np.random.default_rng(1).integers(1, 255, 4096, dtype=np.uint8).tobytes()
 
 
@@ -92,13 +94,13 @@ def _decoded(path: Path, data: bytes) -> Pixels:
 
 def _decode(data: bytes) -> Pixels | None:
     # OpenCV prints what it thinks of every tag that it does not know.
-    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
+    level = _LOGGING.setLogLevel(_ONLY_ERRORS)
     try:
         image: Pixels | None = cv2.imdecode(np.frombuffer(data, np.uint8), _FLAGS) if data else None
     except cv2.error:
         return None
     finally:
-        cv2.utils.logging.setLogLevel(level)
+        _LOGGING.setLogLevel(level)
     return image
 
 
