@@ -147,3 +147,21 @@ def test_angles_about_a_half_turn_do_not_jump() -> None:
         for k, a in enumerate(random.normal(0, 1e-3, 40))
     ]
     assert evaluate_campaign(measured).quantities[0].sigma == pytest.approx(1e-3, rel=0.3)
+
+
+@pytest.mark.parametrize(("clampings", "repeats"), [(5, 5), (12, 1), (3, 4)])
+def test_a_run_that_strays_is_named_and_no_other(clampings: int, repeats: int) -> None:
+    random = np.random.default_rng(11)
+    false = 0
+    for _ in range(200):
+        measured = campaign(random, clampings, repeats, clamping=2.0, truth=False)
+        false += any("strays" in told for told in evaluate_campaign(measured).findings)
+    # The level is 1 % of campaigns.
+    assert false <= 7
+    moved = replace(
+        measured[-1], name="c/r", theta=measured[-1].theta + 40 * SIGMA * (np.arange(7) == 3)
+    )
+    told = [one for one in evaluate_campaign([*measured[:-1], moved]).findings if "strays" in one]
+    assert len(told) == 1
+    where = f"c/r (clamping {moved.clamping}, repeat {moved.repeat})"
+    assert told[0].startswith(f"{where} strays: its x_mm")

@@ -20,6 +20,7 @@ from omm_core.budget.gauge import (
     gauge_capability,
 )
 from omm_core.budget.sources import pose_jacobian
+from omm_core.budget.stray_runs import stray_runs
 from omm_core.errors import InputError
 
 Array = NDArray[np.float64]
@@ -144,8 +145,21 @@ def evaluate_campaign(
         repeats=tuple(len(group) for group in groups),
         quantities=quantities,
         prediction=_prediction(ordered, values, known),
-        findings=tuple(findings),
+        findings=(*findings, *_strays(ordered, values)),
     )
+
+
+def _strays(measured: Sequence[MeasuredRun], values: Array) -> list[str]:
+    """Name each run that strays from its clamping, with the quantity that strays farthest."""
+    farthest: dict[int, tuple[float, str]] = {}
+    for run, quantity, t in stray_runs([m.clamping for m in measured], values[:, :6]):
+        farthest[run] = max(farthest.get(run, (0.0, "")), (t, THETA[quantity]))
+    return [
+        f"{measured[run].name or 'a run'} (clamping {measured[run].clamping}, repeat"
+        f" {measured[run].repeat}) strays: its {name} lies {min(t, 999.0):.0f} times the others' σ"
+        " from the others of its clamping; see why, it is counted"
+        for run, (t, name) in farthest.items()
+    ]
 
 
 def mean_theta(measured: Sequence[MeasuredRun]) -> Array:
