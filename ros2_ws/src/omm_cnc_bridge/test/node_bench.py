@@ -15,6 +15,8 @@ from std_srvs.srv import Trigger
 from omm_ros import qos
 from omm_ros.conversions import stamp_ns
 
+_MATCHED_S = 0.3
+
 NODE = "import sys; from omm_cnc_bridge.node import main; sys.exit(main())"
 
 
@@ -34,6 +36,7 @@ class Bench:
         self.diagnostics = {}
         self.camera_works = True
         self.camera_takes_s = 0.0
+        self._clients = {}
         n = self.node
         n.create_subscription(PoseStamped, "/cnc/spindle_pose", self._on_pose, qos.POSE)
         n.create_subscription(
@@ -85,9 +88,13 @@ class Bench:
 
     def send(self, kind: type, name: str, request):
         """Future of a service's answer."""
-        client = self.node.create_client(kind, name)
-        assert self.spin(10.0, client.service_is_ready)
-        return client.call_async(request)
+        if name not in self._clients:
+            client = self._clients[name] = self.node.create_client(kind, name)
+            assert self.spin(10.0, client.service_is_ready)
+            # The service may not know this reader yet, and drops an answer that nobody takes.
+            self.spin(_MATCHED_S)
+        assert self.spin(10.0, self._clients[name].service_is_ready)
+        return self._clients[name].call_async(request)
 
     def wait_for(self, future):
         assert self.spin(30.0, future.done)

@@ -15,6 +15,7 @@ from ament_index_python.packages import get_package_prefix
 from domain_coordinator import domain_id
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from omm_interfaces.msg import PartEstimate
+from rclpy.client import Client
 from rclpy.node import Node
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
@@ -36,6 +37,7 @@ class Bench:
         self.estimates: list[PartEstimate] = []
         self.poses: list[PoseWithCovarianceStamped] = []
         self._processes: list[subprocess.Popen[str]] = []
+        self._clients: dict[str, Client] = {}
         self.image = self.node.create_publisher(Image, "/camera/image_raw", qos.IMAGE)
         self.pose = self.node.create_publisher(PoseStamped, "/cnc/spindle_pose", qos.POSE)
         self.node.create_subscription(
@@ -127,9 +129,13 @@ class Bench:
         return self._images_known() >= images
 
     def call(self, kind: type, name: str, request: object) -> object:
-        client = self.node.create_client(kind, name)
-        self.until(client.service_is_ready, name)
-        future = client.call_async(request)
+        if name not in self._clients:
+            client = self._clients[name] = self.node.create_client(kind, name)
+            self.until(client.service_is_ready, name)
+            # The service may not know this reader yet, and drops an answer that nobody takes.
+            self.idle(0.3)
+        self.until(self._clients[name].service_is_ready, name)
+        future = self._clients[name].call_async(request)
         self.until(future.done, f"the answer of {name}")
         return future.result()
 
