@@ -52,6 +52,17 @@ class Connection(IntEnum):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Unseen:
+    """By how much, and for how long, an axis may have moved without a word of the control."""
+
+    distance: float = 0.0
+    """mm or rad."""
+    seconds: float = 0.0
+    why: str = ""
+    """What hides it, in the control's own terms."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class ControlSample:
     """What a control said of itself at one moment.
 
@@ -68,6 +79,10 @@ class ControlSample:
     """Commanded position by axis name, mm or rad; axes are missing where the control is silent."""
     unusable: Mapping[str, str] = field(default_factory=dict)
     """Why a position that the control has cannot be used, by axis; refused unless ignored."""
+    turning: Mapping[str, bool] = field(default_factory=dict)
+    """Whether an axis turns, by the control's own word; axes are missing where it has none."""
+    unseen: Mapping[str, Unseen] = field(default_factory=dict)
+    """What motion the control keeps to itself (a filter of an agent), by axis."""
     followers: Mapping[str, str] = field(default_factory=dict)
     """Axis that each second drive goes with (gantry), as the control's configuration says."""
     notes: tuple[str, ...] = ()

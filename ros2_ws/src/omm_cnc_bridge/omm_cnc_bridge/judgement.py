@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -67,6 +68,7 @@ class Judge:
     ) -> None:
         self.machine = machine
         self._still = StandStill(still, machine.rotary)
+        self._tolerances = {False: still.tolerance_mm, True: still.tolerance_rad}
         self._limits = limits
         self._reported = reported
         self._tool_length_mm = tool_length_mm
@@ -133,11 +135,46 @@ class Judge:
                 "said.in_the_future", "stamped {s} s in the future", s=f"{-age_ns / 1e9:.3f}"
             )
         refusal = self.machine.rules.refusal(
-            sample.positions, sample.unusable, sample.followers, self._known()
+            sample.positions,
+            {**self._of_another_kind(sample), **self._hidden(sample), **sample.unusable},
+            sample.followers,
+            self._known(),
         )
         if refusal:
             self.refusals["axis"] += 1
         return refusal
+
+    def _of_another_kind(self, sample: ControlSample) -> dict[str, str]:
+        """Return why axes cannot be those of the URDF: a length is no angle, nor the reverse."""
+        words = {False: "as a length", True: "as an angle"}
+        known = self._known()
+        return {
+            axis: f"the control tells it {words[turns]}, the machine's URDF has it "
+            f"{words[known[axis]]}"
+            for axis, turns in sample.turning.items()
+            if axis in sample.positions and known.get(axis, turns) != turns
+        }
+
+    def _hidden(self, sample: ControlSample) -> dict[str, str]:
+        """Return the axes that may have moved unseen by more than an axis at rest may."""
+        told: dict[str, str] = {}
+        for axis, unseen in sample.unseen.items():
+            turns = sample.turning.get(axis, False)
+            most = self._tolerances[turns]
+            late_ns = 1e9 * unseen.seconds / math.sqrt(3.0)
+            if not unseen.distance <= most:
+                name, unit = ("tolerance_rad", "rad") if turns else ("tolerance_mm", "mm")
+                told[axis] = (
+                    f"may have moved by {unseen.distance:g} {unit} unseen ({unseen.why}), more than"
+                    f" {name} = {most:g}; have it told unfiltered, or raise {name}"
+                )
+            elif not late_ns <= self._limits.stamp_uncertainty_ns:
+                told[axis] = (
+                    f"may have moved for {unseen.seconds:g} s unseen ({unseen.why}), too long for"
+                    f" max_stamp_uncertainty_s = {self._limits.stamp_uncertainty_ns / 1e9:g}; have"
+                    " it told unfiltered"
+                )
+        return told
 
     def _known(self) -> dict[str, bool]:
         """Return the names that positions may have, and whether each turns."""

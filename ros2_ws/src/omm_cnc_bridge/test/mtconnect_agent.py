@@ -69,7 +69,7 @@ class Agent:
         self.tell(**dict.fromkeys(TAGS, "UNAVAILABLE"))
 
     def __enter__(self) -> Agent:
-        threading.Thread(target=self._server.serve_forever, daemon=True).start()
+        threading.Thread(target=self._server.serve_forever, args=(0.02,), daemon=True).start()
         return self
 
     def __exit__(self, *_: object) -> None:

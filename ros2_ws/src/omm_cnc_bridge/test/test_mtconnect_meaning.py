@@ -123,15 +123,14 @@ def test_of_the_tool_points_of_two_paths_none_is_taken_by_its_order():
         )
 
 
-def test_two_axes_of_one_name_are_refused():
-    with pytest.raises(InputError, match="X twice"):
-        read_device(
-            model(
-                f'id="a" {GOOD}',
-                more=f'<Linear name="X"><DataItems><DataItem id="b" {GOOD}/></DataItems></Linear>',
-            ),
-            "",
-        )
+def test_two_axes_of_one_name_are_told_apart_by_their_ids():
+    second = '<Linear id="d" name="X"><DataItems><DataItem id="b" {}/></DataItems></Linear>'
+    device = read_device(model(f'id="a" {GOOD}', more=second.format(GOOD)), "")
+    assert {item.axis for item in device.items.values()} == {"X@c", "X@d", "Y"}
+    assert "2 axes X" in device.notes[0]
+    bad = read_device(model(f'id="a" {GOOD}', more=second.format('type="POSITION"')), "")
+    assert {item.axis for item in bad.items.values()} == {"X@c", "Y"}
+    assert list(bad.unusable) == ["X@d"]
 
 
 @pytest.mark.parametrize(("system", "taken"), [("", False), ('coordinateSystem="WORK"', False),

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from omm_cnc_bridge.control import Control
+from omm_cnc_bridge.judgement import Reported
 from omm_cnc_bridge.parameters import Parameters
 from omm_core.errors import InputError
 from omm_core.files.outside import read_text
@@ -73,7 +74,12 @@ def _opcua(p: Parameters) -> Control:
 def _mtconnect(p: Parameters) -> Control:
     from omm_cnc_bridge.controls.mtconnect.control import MtConnectControl
 
-    return MtConnectControl(p.mtconnect_url, rate_hz=p.rate_hz, device=p.mtconnect_device)
+    return MtConnectControl(
+        p.mtconnect_url,
+        rate_hz=p.rate_hz,
+        device=p.mtconnect_device,
+        tool_point=p.reported != Reported.AXES.value,
+    )
 
 
 def _linuxcnc_cell(p: Parameters) -> tuple[Control, Kinematics]:

@@ -33,6 +33,8 @@ LOCAL_READER = (
     str(Path(__file__).with_name("linuxcnc_reader.py")),
 )
 HELLO_TIMEOUT_S = 5.0
+HELLO = ("joints", "letters", "rotary", "linear_units_per_mm", "angular_units_per_degree",
+         "sampled", "servo_s", "task_s")  # fmt: skip
 ANSWER_TIMEOUT_S = 5.0
 READ_BACK_S = 2.0  # for the status to say what a block has set
 TRUTH_RATE_HZ = 250.0
@@ -257,6 +259,11 @@ class LinuxCncControl:
             raise DeviceError(f"LinuxCNC: {answer['error']}.")
 
     def _on_hello(self, hello: dict[str, Any]) -> None:
+        if missing := [key for key in HELLO if key not in hello]:
+            raise DeviceError(
+                f"Expected {', '.join(missing)} from LinuxCNC's reader, too: copy the"
+                " linuxcnc_reader.py of this omm to the control."
+            )
         self._hello = hello
         self._names, self._followers = joint_axes(
             self._given_names, hello["letters"], hello["joints"]
@@ -265,7 +272,18 @@ class LinuxCncControl:
     # --- samples -------------------------------------------------------------------------------
 
     def _sample(self, row: list[Any], received_ns: int) -> ControlSample:
-        number, measured, commanded, in_position, wanted, image, _ = row
+        try:
+            number, measured, commanded, in_position, wanted, image, _ = row
+            complete = len(measured) == len(commanded) == len(self._names)
+            complete &= all(_is_number(value) for value in (number, image))
+        except (TypeError, ValueError):
+            complete = False
+        if not complete:
+            # A shorter row, believed, would have the last axes stand nowhere without a word.
+            raise DeviceError(
+                f"Expected positions of {len(self._names)} joints from LinuxCNC's reader, got"
+                f" {str(row)[:80]}."
+            )
         hello, status = self._hello, self._status
         half_cycle_ns = round(0.5e9 * hello["servo_s"])
         if hello["sampled"]:
@@ -281,6 +299,12 @@ class LinuxCncControl:
             stamp_ns=ros_from_monotonic_ns(ours_ns),
             stamp_uncertainty_ns=uncertainty_ns,
             positions=self._named(measured),
+            unusable={
+                name: f"{value!r:.80} is not a number"
+                for name, value in zip(self._names, measured)
+                if not _is_number(value)
+            },
+            turning=dict(zip(self._names, hello["rotary"])),
             followers=self._followers,
             commanded=self._named(commanded),
             in_position=bool(in_position),
@@ -303,6 +327,7 @@ class LinuxCncControl:
         return {
             name: value / (per_rad if turns else per_mm)
             for name, value, turns in zip(self._names, values, rotary)
+            if _is_number(value)
         }
 
     def _fault(self) -> str | None:
@@ -321,6 +346,10 @@ def _program_state(status: dict[str, Any]) -> ProgramState:
     if status["interpreter"] == _PAUSED:
         return ProgramState.INTERRUPTED
     return ProgramState.WAITING if status["waiting"] else ProgramState.RUNNING
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and math.isfinite(value)
 
 
 def _or_nan(value: float | None) -> float:

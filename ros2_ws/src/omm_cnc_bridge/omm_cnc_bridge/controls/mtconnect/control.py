@@ -38,6 +38,11 @@ TOOL_POINT_ONLY = (
     "the agent tells the tool point (PATH_POSITION) and no axes; it is off by the tool's length"
     " unless the control has none active, or 'reported' and 'tool_length_mm' say so"
 )
+POINT = ("X", "Y", "Z")
+TOOL_POINT_BESIDE_AXES = (
+    "only the tool point (PATH_POSITION) tells of it, which is not where the axis is;"
+    " set reported:=tool_point and tool_length_mm"
+)
 _MODES = {
     "AUTOMATIC": Mode.AUTOMATIC,
     "MANUAL": Mode.MANUAL,
@@ -58,12 +63,23 @@ _PROGRAM_STATES = {
 
 
 class MtConnectControl:
-    """The agent at ``url``; ``device`` is needed where it has several."""
+    """The agent at ``url``.
+
+    Parameters
+    ----------
+    device : str
+        Needed where the agent has several.
+    tool_point : bool
+        Whether X, Y, Z are wanted of the tool point (PATH_POSITION), where the agent has it.
+    """
 
     name = "mtconnect"
 
-    def __init__(self, url: str, *, rate_hz: float, device: str = "") -> None:
+    def __init__(
+        self, url: str, *, rate_hz: float, device: str = "", tool_point: bool = False
+    ) -> None:
         self.clock = ControlClock()
+        self._tool_point = tool_point
         self._url, self._device = urlsplit(url), device
         self._interval_ms = max(1, round(1e3 / rate_hz))
         self._connection: http.client.HTTPConnection | None = None
@@ -175,14 +191,30 @@ class MtConnectControl:
 
     def _sample(self, ours_ns: int, uncertainty_ns: int) -> ControlSample:
         measured, unusable = self._values("measured")
-        positions = measured or self._path(unusable)
+        commanded = self._values("commanded")[0]
+        notes = self._described.notes
+        if self._of_tool_point():
+            measured = {a: v for a, v in measured.items() if a not in POINT} | self._path(unusable)
+            commanded = {a: v for a, v in commanded.items() if a not in POINT}
+            notes += () if self._tool_point or not measured else (TOOL_POINT_ONLY,)
+        elif self._has("path") and not {*POINT} & {*measured, *unusable}:
+            unusable |= dict.fromkeys(POINT, TOOL_POINT_BESIDE_AXES)
+        roles = ("measured", "path") if self._of_tool_point() else ("measured",)
+        items = [item for role in roles for item, _ in self._texts_of(role)]
         return ControlSample(
             stamp_ns=ros_from_monotonic_ns(ours_ns),
             stamp_uncertainty_ns=uncertainty_ns,
-            positions=positions,
+            positions=measured,
+            turning={item.axis: item.turns for item in items if item.axis},
+            unseen={
+                axis: item.limits.unseen
+                for item in items
+                for axis in (POINT if item.role == "path" else (item.axis,))
+                if item.limits.unseen.why
+            },
             unusable=unusable,
-            notes=() if measured or not positions else (TOOL_POINT_ONLY,),
-            commanded=self._values("commanded")[0],
+            notes=notes,
+            commanded=commanded,
             in_position=self._in_position(),
             fault=self._fault(),
             mode=_MODES.get(self._event("mode"), Mode.UNKNOWN),
@@ -190,6 +222,17 @@ class MtConnectControl:
             program=self._event("program"),
             program_line=_line(self._event("line")),
         )
+
+    def _of_tool_point(self) -> bool:
+        """Return whether X, Y, Z are those of the tool point, by wish or for want of axes.
+
+        Beside a rotary axis they are by wish only: the tool point is then not where X, Y, Z are.
+        """
+        has_axes = self._has("measured") or bool(self._described.unusable)
+        return self._has("path") and (self._tool_point or not has_axes)
+
+    def _has(self, role: str) -> bool:
+        return any(item.role == role for item in self._described.items.values())
 
     def _texts_of(self, role: str) -> list[tuple[Item, str]]:
         return [
@@ -203,24 +246,25 @@ class MtConnectControl:
         values: dict[str, float] = {}
         unusable = dict(self._described.unusable)
         for item, text in self._texts_of(role):
-            value = _number(text, item.scale)
-            if value is None:
-                told = text if text == UNAVAILABLE else f"{text[:80]!r} is not a number"
-                unusable[item.axis] = told
+            value = _number(text)
+            why = text if text == UNAVAILABLE else _why_not(value, text, item)
+            if value is None or why:
+                unusable[item.axis] = why
             else:
-                values[item.axis] = value
+                values[item.axis] = value * item.scale
         return values, unusable
 
     def _path(self, unusable: dict[str, str]) -> dict[str, float]:
         """Return the tool point of a control that reports no axes (reported: tool_point)."""
+        for axis in POINT:
+            unusable.pop(axis, None)  # of an axis that is not wanted
         for item, text in self._texts_of("path"):
-            if text == UNAVAILABLE:
-                continue
-            values = [_number(word, item.scale) for word in text.split()[:4]]
+            values = [_number(word) for word in text.split()[:4]]
             if len(values) != 3 or None in values:
-                unusable["tool point"] = f"{text[:80]!r} is not three numbers"
+                why = text if text == UNAVAILABLE else f"{text[:80]!r} is not three numbers"
+                unusable |= dict.fromkeys(POINT, f"tool point: {why}")
                 return {}
-            return {axis: v for axis, v in zip("XYZ", values) if v is not None}
+            return {axis: v * item.scale for axis, v in zip(POINT, values) if v is not None}
         return {}
 
     def _event(self, role: str) -> str:
@@ -236,15 +280,28 @@ class MtConnectControl:
         return None
 
 
-def _number(text: str, scale: float) -> float | None:
-    """Return a position; None where the text is none (an agent passes on what an adapter sends)."""
+def _number(text: str) -> float | None:
+    """Return a number; None where the text is none (an agent passes on what an adapter sends)."""
     if "_" in text or not text.isascii():  # Python takes both for digits
         return None
     try:
-        value = float(text) * scale
+        value = float(text)
     except ValueError:
         return None
     return value if abs(value) < FARTHEST else None
+
+
+def _why_not(value: float | None, text: str, item: Item) -> str:
+    """Return why a text is no position of an axis; empty where it is one."""
+    if value is None:
+        return f"{text[:80]!r} is not a number"
+    limits = item.limits
+    if limits.least <= value <= limits.most:
+        return ""
+    return (
+        f"{value:g} is outside what the agent's model allows ({limits.least:g} to {limits.most:g},"
+        " Constraints)"
+    )
 
 
 def _line(text: str) -> int:

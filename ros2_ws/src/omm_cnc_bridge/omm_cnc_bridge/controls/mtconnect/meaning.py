@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-from omm_core.errors import InputError
+from omm_cnc_bridge.controls.mtconnect.limits import Limits, Unfit, limits_of
 
 LENGTHS = {
     "MILLIMETER": 1.0,
@@ -18,7 +18,7 @@ LENGTHS = {
     "INCH": 25.4,
 }
 ANGLES = {"RADIAN": 1.0, "DEGREE": 0.017453292519943295}
-_OF_POINT = {"MILLIMETER_3D": 1.0}
+_OF_POINT = {"MILLIMETER_3D": 1.0, "INCH_3D": 25.4}
 _UNITS_OF = {"POSITION": LENGTHS, "ANGLE": ANGLES, "PATH_POSITION": LENGTHS | _OF_POINT}
 _TYPE_OF = {"Linear": "POSITION", "Rotary": "ANGLE"}
 _POSITIONS = ("POSITION", "ANGLE")
@@ -32,6 +32,8 @@ class Item:
     """``measured``, ``commanded``, ``path``, ``axis_state``, or an event of the controller."""
     axis: str = ""
     scale: float = 1.0
+    turns: bool = False
+    limits: Limits = field(default_factory=Limits)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,6 +43,8 @@ class Device:
     items: Mapping[str, Item]
     unusable: Mapping[str, str] = field(default_factory=dict)
     """Why no position of an axis can be used, by its name."""
+    notes: tuple[str, ...] = ()
+    """What was chosen where the model says a thing twice."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,10 +53,6 @@ class _Candidate:
     """How plainly the model says that it is what we want; the smallest wins."""
     item_id: str
     item: Item
-
-
-class Unfit(Exception):
-    """A data item is not a position in machine coordinates; the text says why."""
 
 
 def coordinate_systems(device: ET.Element) -> dict[str, str]:
@@ -73,9 +73,14 @@ def coordinate_systems(device: ET.Element) -> dict[str, str]:
     return types
 
 
+def name_of(component: ET.Element) -> str:
+    """Return an axis's name; its id where it has none."""
+    return component.get("name") or component.get("nativeName") or component.get("id") or ""
+
+
 def axis_items(component: ET.Element, systems: Mapping[str, str]) -> Device:
     """Return the one measured and the one commanded position of an axis, in machine coordinates."""
-    axis = component.get("name") or component.get("nativeName") or component.get("id") or ""
+    axis = name_of(component)
     found: dict[str, list[_Candidate]] = {"measured": [], "commanded": []}
     items: dict[str, Item] = {}
     reasons: list[str] = []
@@ -112,7 +117,8 @@ def path_item(data: ET.Element, systems: Mapping[str, str]) -> Item:
         raise Unfit(f"is {data.get('subType')}, not ACTUAL")
     if _system_rank(data, systems) != 0:
         raise Unfit("says no coordinate system, which is WORK for a path")
-    return Item(role="path", scale=_scale(data))
+    scale = _scale(data)
+    return Item(role="path", scale=scale, limits=limits_of(data, scale))
 
 
 def data_items(component: ET.Element) -> Iterator[ET.Element]:
@@ -127,23 +133,36 @@ def tag(element: ET.Element) -> str:
     return str(element.tag).rpartition("}")[2]
 
 
-def join(devices: list[Device]) -> Device:
-    """Join all axes into one device. Raise InputError where two have one name."""
+def join(axes: list[tuple[ET.Element, Device]]) -> Device:
+    """Join all axes into one device; those that share a name are told apart by their ids.
+
+    Of X of two paths nothing says which moves the spindle: they become X@ID, which the machine's
+    file must name.
+    """
     items: dict[str, Item] = {}
     unusable: dict[str, str] = {}
-    names: set[str] = set()
-    for device in devices:
-        axes = {i.axis for i in device.items.values() if i.role == "measured"} | {*device.unusable}
-        if names & axes:
-            raise InputError(
-                f"MTConnect: expected axes of different names, got {', '.join(names & axes)} "
-                "twice; nothing says which of them moves the spindle. Set mtconnect_device, or give"
-                " them different names in the agent's device model."
+    told = [(component, device) for component, device in axes if _tells(device)]
+    names = [name_of(component) for component, _ in told]
+    notes = []
+    for _, device in axes:
+        items |= device.items if not _tells(device) else {}
+    for component, device in told:
+        plain = name = name_of(component)
+        if names.count(plain) > 1:
+            name = f"{plain}@{component.get('id', '')}"
+            notes.append(
+                f"the agent's model has {names.count(plain)} axes {plain}; nothing says which moves"
+                f" the spindle: this one is called {name}"
             )
-        names |= axes
-        items |= device.items
-        unusable |= device.unusable
-    return Device(items=items, unusable=unusable)
+        items |= {i: replace(item, axis=name) for i, item in device.items.items()}
+        unusable |= dict.fromkeys(
+            [name] if device.unusable else [], "; ".join(device.unusable.values())
+        )
+    return Device(items=items, unusable=unusable, notes=tuple(notes))
+
+
+def _tells(device: Device) -> bool:
+    return bool(device.unusable) or any(i.role == "measured" for i in device.items.values())
 
 
 def _candidate(
@@ -159,7 +178,14 @@ def _candidate(
         raise Unfit(f"is of the part {data.get('compositionId')} of the axis only")
     rank = _system_rank(data, systems), int(subtype is None)
     role = "commanded" if subtype == "COMMANDED" else "measured"
-    item = Item(role=role, axis=axis, scale=_scale(data))
+    scale = _scale(data)
+    item = Item(
+        role=role,
+        axis=axis,
+        scale=scale,
+        turns=component == "Rotary",
+        limits=limits_of(data, scale),
+    )
     return _Candidate(rank=rank, item_id=data.get("id", ""), item=item)
 
 

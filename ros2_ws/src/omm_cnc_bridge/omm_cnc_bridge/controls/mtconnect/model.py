@@ -8,12 +8,12 @@ from __future__ import annotations
 import calendar
 import re
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from omm_cnc_bridge.controls.mtconnect.limits import Unfit
 from omm_cnc_bridge.controls.mtconnect.meaning import (
     Device,
     Item,
-    Unfit,
     axis_items,
     coordinate_systems,
     data_items,
@@ -76,12 +76,12 @@ def read_device(text: bytes, name: str) -> Device:
             f"{', '.join(str(d.get('name')) for d in devices) or 'none'}. Set mtconnect_device."
         )
     systems = coordinate_systems(chosen[0])
-    axes: list[Device] = []
+    axes: list[tuple[ET.Element, Device]] = []
     events: dict[str, Item] = {}
     reasons: list[str] = []
     for component in chosen[0].iter():
         if tag(component) in ("Linear", "Rotary"):
-            axes.append(axis_items(component, systems))
+            axes.append((component, axis_items(component, systems)))
         elif tag(component) in ("Device", "Controller", "Path"):
             events |= _controller_items(component, systems, reasons)
     device = join(axes)
@@ -92,7 +92,7 @@ def read_device(text: bytes, name: str) -> Device:
             "MTConnect: expected axes with positions in machine coordinates, got none"
             f"{': ' if reasons else ''}{'; '.join(reasons)}."
         )
-    return Device(items=items, unusable=device.unusable)
+    return replace(device, items=items)
 
 
 def _one_tool_point(events: dict[str, Item], reasons: list[str]) -> dict[str, Item]:

@@ -63,6 +63,8 @@ class NodeFinder:
         By axis that is measured directly and indirectly: which of the two to take.
     once : dict
         By axis that is measured once: whether to take that.
+    turning : dict
+        By usable axis: whether it turns, by its unit.
     per_angle : float
         What makes rad of the spindle's angle.
     """
@@ -74,6 +76,7 @@ class NodeFinder:
         self.unusable: dict[str, str] = {}
         self.twice: dict[str, TwoMeasurements] = {}
         self.once: dict[str, OneMeasurement] = {}
+        self.turning: dict[str, bool] = {}
         self.per_angle = UNITS["deg"]
 
     async def nodes(self) -> dict[Key, Node]:
@@ -170,6 +173,7 @@ class NodeFinder:
             return {} if inactive is None else {(name, "inactive"): inactive}
         unit = str(next(iter(units.values())))
         self.scales[name] = UNITS[unit]
+        self.turning[name] = unit in ANGLE_UNITS
         if (name, TWICE[0]) in nodes:
             self.twice[name] = TwoMeasurements(rotary=unit in ANGLE_UNITS)
         else:

@@ -150,6 +150,7 @@ class SampleMaker:
                 stamp_ns=ros_from_monotonic_ns(ours_ns),
                 stamp_uncertainty_ns=round(math.hypot(clock_ns, spread_ns)),
                 positions=positions,
+                turning=self._found.turning,
                 unusable=unusable,
                 notes=self._notes
                 + tuple(
