@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from omm_core.words import Words, keyed, listed, sentences
+from omm_core.words import Words, keyed, listed, sentences, verbatim
 from omm_recorder.recording_state import RecordingState
 from omm_ros.diagnostics import ERROR, OK, WARN, Health
 
@@ -20,6 +20,7 @@ def recording_health(
     unread: Sequence[str],
     attached: Sequence[str],
     unknown: Sequence[str],
+    interrupted: Sequence[str] = (),
 ) -> Health:
     """Return whether all is recorded, and what is not.
 
@@ -35,6 +36,8 @@ def recording_health(
         Names of the files that are.
     unknown : sequence of str
         Topics whose type is not known here.
+    interrupted : sequence of str
+        Earlier recordings in the folder that nobody closed or repaired.
     """
     lost = state.lost + state.missing
     level = ERROR if not state.recording else WARN if lost or state.trouble else OK
@@ -46,6 +49,8 @@ def recording_health(
         level, message = WARN, _missing(listed(missing))
     if unknown and level == OK:
         level, message = WARN, _not_recorded(listed(unknown))
+    if interrupted and level == OK:
+        level, message = WARN, _interrupted(interrupted[0])
     values = {
         "file": str(file),
         "written [MB]": f"{state.bytes_written / 1e6:.1f}",
@@ -57,6 +62,7 @@ def recording_health(
         "lost here": state.lost,
         "missing from publishers": state.missing,
         "files": ", ".join(attached) or "none yet",
+        "interrupted": ", ".join(interrupted) or "none",
     }
     return Health(level=level, message=message, values=values)
 
@@ -71,6 +77,14 @@ def _missing(files: Words) -> Words:
 
 def _not_recorded(names: Words) -> Words:
     return keyed("said.not_recorded", "not recorded: {names}", names=names)
+
+
+def _interrupted(file: str) -> Words:
+    return keyed(
+        "said.interrupted",
+        "all is recorded; an earlier recording was interrupted: ./omm repair {file}",
+        file=verbatim(file),
+    )
 
 
 def _lost(count: int) -> Words:

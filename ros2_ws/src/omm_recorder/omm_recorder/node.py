@@ -25,6 +25,7 @@ from omm_recorder.provenance import provenance
 from omm_recorder.recorder import STOPPED, Recorder
 from omm_recorder.recording_state import Limits
 from omm_recorder.topics import KNOWN, adapted
+from omm_recording.interrupted import interrupted, set_aside
 from omm_recording.rosbag2_format import TopicQos
 from omm_recording.writing import RUN_NAME, RecordingOptions, RecordingWriter, TopicToRecord
 from omm_ros.diagnostics import Diagnostics, Health
@@ -166,7 +167,13 @@ class RecorderNode(CountingNode):
             warn_left_s=p.warn_left_min * 60.0,
             stop_free_bytes=p.stop_free_mb << 20,
         )
-        return Recorder(RecordingWriter(self.folder / RUN_NAME, options), limits, self._tell)
+        path = self.folder / RUN_NAME
+        aside = set_aside(path)
+        if aside is not None:
+            self.get_logger().warning(
+                f"{aside} is a recording that was interrupted: ./omm repair {aside}"
+            )
+        return Recorder(RecordingWriter(path, options), limits, self._tell)
 
     def _files_to_attach(self) -> dict[str, FileToRecord]:
         named = {n: getattr(self.parameters, p) for p, n in FILES.items()}
@@ -312,6 +319,7 @@ class RecorderNode(CountingNode):
             unread=list(self._unread.values()),
             attached=sorted(self._attached),
             unknown=sorted(self._unknown),
+            interrupted=[str(path) for path in interrupted(self.folder)],
         )
 
 

@@ -280,6 +280,37 @@ def test_kill_9_leaves_what_was_recorded(
     assert recorded(tmp_path / "run", POSES) == sent
 
 
+def test_a_recorder_started_again_after_kill_9_records_and_tells_what_lies_there(
+    node: Any, start: Any, tmp_path: Path, messages: Any
+) -> None:
+    run = tmp_path / "run"
+    run.mkdir()
+    left = run / f"run.mcap{UNFINISHED}"
+    left.write_bytes(b"what a killed recorder left")
+    told: list[DiagnosticStatus] = []
+    node.create_subscription(DiagnosticArray, "/diagnostics", lambda m: told.extend(m.status), 10)
+    recorder = start("node", folder=run)
+    executor = rclpy.executors.SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+
+    def recording() -> DiagnosticStatus | None:
+        executor.spin_once(timeout_sec=0.1)
+        return next((s for s in told if s.name.startswith("recorder: recording")), None)
+
+    wait_for(recording, "the recorder's health")
+    values = {v.key: v.value for v in recording().values}
+    (aside,) = run.glob(f"run-interrupted-*{UNFINISHED}")
+    assert aside.read_bytes() == b"what a killed recorder left"
+    assert values["interrupted"] == str(aside)
+    assert recording().level == DiagnosticStatus.WARN
+    executor.shutdown()
+    recorder.send_signal(signal.SIGINT)
+    _, errors = recorder.communicate(timeout=60)
+    assert recorder.returncode == 0, errors
+    assert f"./omm repair {aside}" in errors
+    assert verify(run / "run.mcap").intact
+
+
 def test_parameters_files_and_versions_are_recorded(node: Any, start: Any, tmp_path: Path) -> None:
     part = tmp_path / "plate.yaml"
     part.write_text("part: {name: plate}\n")

@@ -8,6 +8,7 @@ from typing import IO, Any
 
 from omm_core.errors import InputError, warn
 from omm_core.files.yaml_input import read_yaml
+from omm_recording.new_file import being_written
 
 _LARGEST_UNPACKED = 256 << 20
 UNFINISHED = ".unfinished"
@@ -150,6 +151,7 @@ def to_repair(folder: Path) -> Path:
         If there is not just one.
     """
     found = sorted(folder.glob(f"*{UNFINISHED}"))
+    found = [file for file in found if not being_written(file)] or found
     if not found:
         whole = sorted(folder.glob("*.mcap"))
         found = [file for file in whole if not _is_closed(file)]
