@@ -11,13 +11,14 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
         ("share/" + package_name, ["package.xml"]),
+        ("share/" + package_name + "/udev", ["udev/70-omm-usb3-vision.rules"]),
     ],
     install_requires=["setuptools"],
     extras_require={"test": ["pytest"]},
     zip_safe=True,
     maintainer="omm maintainers",
     maintainer_email="maintainers@omm.invalid",
-    description="Camera node of omm: GigE Vision, V4L2 or simulated.",
+    description="Camera node of omm: GigE Vision, USB3 Vision, V4L2 or simulated.",
     license="Apache-2.0",
     entry_points={
         "console_scripts": [

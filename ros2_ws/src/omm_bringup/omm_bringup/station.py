@@ -7,7 +7,7 @@ from ament_index_python.packages import get_package_share_directory
 from omm_bringup.processes import NodeSpec
 from omm_core.errors import InputError
 
-CAMERAS = ("gige", "v4l2", "simulated")
+CAMERAS = ("gige", "usb3", "v4l2", "simulated")
 CONTROLS = ("linuxcnc", "opcua", "mtconnect", "simulated")
 
 # launch asks a process to end (SIGINT), asks again (SIGTERM) and kills it, by default 10 s later. A

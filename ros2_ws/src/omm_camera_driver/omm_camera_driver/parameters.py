@@ -7,7 +7,7 @@ from omm_camera_driver.driver import CameraSettings, Trigger
 from omm_core.errors import InputError
 from omm_ros.parameters import network_parameter, parameter
 
-DRIVERS = ("gige", "v4l2", "simulated")
+DRIVERS = ("gige", "usb3", "v4l2", "simulated")
 NAN = math.nan
 
 

@@ -1,9 +1,12 @@
 """The camera's clock in system time: the truth lies within the bound, always."""
 
+import time
+
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omm_camera_driver.drivers.gige.camera_clock import CameraClock, ClockReading
+from omm_camera_driver.drivers.genicam.camera_clock import CameraClock, ClockReading, timed
 
 BOOT_NS = 1_700_000_000_000_000_000
 
@@ -60,3 +63,42 @@ def test_without_readings_the_fastest_arrival_counts() -> None:
     told_ns, bound_ns = clock.system_time(2 * 66_000_000, 0)
     assert told_ns == BOOT_NS + 2 * 66_000_000 + 2_000_000
     assert bound_ns == 28_000_000
+
+
+def test_a_reading_that_contradicts_the_last_replaces_it_however_loose() -> None:
+    clock = CameraClock()
+    clock.add_reading(reading(BOOT_NS + 10**9, 10_000, 10_000))
+    step_ns = 20_000_000  # the system's clock was set
+    late = reading(BOOT_NS + 2 * 10**9, 1_000_000, 1_000_000)
+    clock.add_reading(
+        ClockReading(
+            camera_ns=late.camera_ns,
+            after_ns=late.after_ns + step_ns,
+            before_ns=late.before_ns + step_ns,
+        )
+    )
+    told_ns, bound_ns = clock.system_time(2 * 10**9, 0)
+    assert abs(told_ns - (BOOT_NS + 2 * 10**9 + step_ns)) <= bound_ns
+
+
+@pytest.mark.parametrize("unit", [8, 1000])
+def test_images_counted_in_another_unit_than_the_clock_cannot_be(unit: int) -> None:
+    clock = CameraClock()
+    uptime_ns = 60 * 10**9
+    clock.add_reading(reading(BOOT_NS + uptime_ns, 10_000, 10_000))
+    arrival_ns = BOOT_NS + uptime_ns + 40_000_000
+    assert clock.can_be(uptime_ns, arrival_ns, 5_000_000)
+    assert not clock.can_be(uptime_ns // unit, arrival_ns, 5_000_000)
+    assert not clock.can_be(uptime_ns * unit, arrival_ns, 5_000_000)
+
+
+def test_a_reading_during_which_the_system_clock_was_set_is_left_out(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    real_ns = time.time_ns
+    with timed() as period:
+        pass
+    assert period.reading(1) is not None
+    with timed() as period:
+        monkeypatch.setattr(time, "time_ns", lambda: real_ns() - 3_600_000_000_000)
+    assert period.reading(1) is None

@@ -9,9 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from omm_camera_driver.driver import CameraSettings, Frame, Trigger
+from omm_camera_driver.drivers.genicam.driver import GenicamDriver
 from omm_camera_driver.drivers.gige import gvcp
-from omm_camera_driver.drivers.gige.driver import GigeDriver, GigeOptions
 from omm_camera_driver.drivers.gige.finding import find
+from omm_camera_driver.drivers.gige.link import GigeLink, GigeOptions
 from omm_camera_driver.drivers.gige.simulator import GigeSimulator
 from omm_core.errors import DeviceError, InputError
 
@@ -48,11 +49,11 @@ def camera(gige_address: str, shown: Shown) -> Iterator[GigeSimulator]:
 @pytest.fixture
 def open_driver(
     camera: GigeSimulator, shown: Shown
-) -> Iterator[Callable[[CameraSettings], GigeDriver]]:
-    drivers: list[GigeDriver] = []
+) -> Iterator[Callable[[CameraSettings], GenicamDriver]]:
+    drivers: list[GenicamDriver] = []
 
-    def open_with(settings: CameraSettings) -> GigeDriver:
-        driver = GigeDriver(GigeOptions(device="OMM-SIM-1"))
+    def open_with(settings: CameraSettings) -> GenicamDriver:
+        driver = GenicamDriver(GigeLink(GigeOptions(device="OMM-SIM-1")))
         drivers.append(driver)
         # A camera keeps what the last one set: begin from the same.
         whole = settings if settings.width_px else replace(settings, offset_x_px=0, offset_y_px=0)
@@ -66,10 +67,10 @@ def open_driver(
         driver.close()
 
 
-Open = Callable[[CameraSettings], GigeDriver]
+Open = Callable[[CameraSettings], GenicamDriver]
 
 
-def take(driver: GigeDriver) -> Frame:
+def take(driver: GenicamDriver) -> Frame:
     """A whole frame; one that lost packets on a busy machine is taken again."""
     for _ in range(3):
         driver.flush()
@@ -127,7 +128,7 @@ def test_continuous_images_come_at_the_rate_asked_for(open_driver: Open) -> None
 
 
 def test_settings_are_granted_and_read_back(camera: GigeSimulator) -> None:
-    driver = GigeDriver(GigeOptions())
+    driver = GenicamDriver(GigeLink(GigeOptions()))
     settings = CameraSettings(
         exposure_us=1234.0, gain=7.0, black_level=12.0, frame_rate_hz=10.0,
         trigger=Trigger.HARDWARE, trigger_line="Line0", strobe_line="Line1",
@@ -165,7 +166,7 @@ def test_settings_are_granted_and_read_back(camera: GigeSimulator) -> None:
 def test_a_setting_out_of_range_is_refused_with_the_range(
     camera: GigeSimulator, settings: CameraSettings, named: str
 ) -> None:
-    driver = GigeDriver(GigeOptions())
+    driver = GenicamDriver(GigeLink(GigeOptions()))
     try:
         with pytest.raises(InputError) as refused:
             driver.open(settings)
@@ -186,7 +187,7 @@ def test_a_camera_that_is_not_there_is_named_with_what_is(camera: GigeSimulator)
 
 def test_a_camera_that_another_program_holds_is_told_so(open_driver: Open) -> None:
     open_driver(CameraSettings())
-    other = GigeDriver(GigeOptions())
+    other = GenicamDriver(GigeLink(GigeOptions()))
     with pytest.raises(DeviceError, match="another program holds it"):
         other.open(CameraSettings())
     other.close()

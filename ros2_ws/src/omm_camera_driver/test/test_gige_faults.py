@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from omm_camera_driver.driver import CameraSettings, Trigger
-from omm_camera_driver.drivers.gige.driver import GigeDriver, GigeOptions
+from omm_camera_driver.drivers.genicam.driver import GenicamDriver
+from omm_camera_driver.drivers.gige.link import GigeLink, GigeOptions
 from omm_camera_driver.worker import CameraWorker
 from omm_camera_driver.worker_status import WorkerState
 from omm_core.errors import DeviceError
@@ -25,8 +26,12 @@ RECONNECTION_S = 2.0
 CYCLES = int(os.environ.get("OMM_CAMERA_CYCLES", "50"))
 
 
+def driver_for(device: str) -> GenicamDriver:
+    return GenicamDriver(GigeLink(GigeOptions(device=device)))
+
+
 def worker_for(recorder: Recorder, settings: CameraSettings = SETTINGS) -> CameraWorker:
-    return CameraWorker(lambda: GigeDriver(GigeOptions(device=ADDRESS)), settings, recorder)
+    return CameraWorker(lambda: driver_for(ADDRESS), settings, recorder)
 
 
 def threads_and_files() -> tuple[int, int]:
@@ -170,7 +175,7 @@ def test_a_camera_held_by_another_program_is_taken_when_it_is_let_go(
     camera_process: CameraProcess, recorder: Recorder
 ) -> None:
     camera_process.start()
-    other = GigeDriver(GigeOptions(device=ADDRESS))
+    other = driver_for(ADDRESS)
     other.open(SETTINGS)
     worker = worker_for(recorder)
     worker.start()
@@ -185,7 +190,7 @@ def test_a_wrong_address_is_told_with_what_is_there(
     camera_process: CameraProcess, recorder: Recorder
 ) -> None:
     camera_process.start()
-    worker = CameraWorker(lambda: GigeDriver(GigeOptions(device="127.0.0.77")), SETTINGS, recorder)
+    worker = CameraWorker(lambda: driver_for("127.0.0.77"), SETTINGS, recorder)
     worker.start()
     assert recorder.wait_for(lambda r: bool(r.problems))
     assert worker.stop(timeout_s=5.0)

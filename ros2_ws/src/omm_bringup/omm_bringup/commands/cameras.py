@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """List what answers."""
-    cameras = [*_gige(args.timeout), *_v4l2()]
+    cameras = [*_gige(args.timeout), *_usb3(), *_v4l2()]
     if args.json:
         print(json.dumps([asdict(camera) for camera in cameras], indent=1))
         return 0
@@ -57,13 +57,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _gige(timeout_s: float) -> list[ListedCamera]:
-    from omm_camera_driver.drivers.gige import aravis, gvcp
+    from omm_camera_driver.drivers.gige import gvcp
 
-    library = ""
-    try:
-        aravis.load()
-    except aravis.AravisMissing as error:
-        library = str(error)
+    library = _aravis_problem()
     return [
         ListedCamera(
             driver="gige",
@@ -76,6 +72,35 @@ def _gige(timeout_s: float) -> list[ListedCamera]:
         )
         for found in gvcp.discover(timeout_s)
     ]
+
+
+def _usb3() -> list[ListedCamera]:
+    from omm_camera_driver.drivers.usb3 import sysfs
+
+    library = _aravis_problem()
+    return [
+        ListedCamera(
+            driver="usb3",
+            device=found.serial or found.model,
+            vendor=found.vendor,
+            model=found.model,
+            serial=found.serial,
+            address=found.port,
+            problem=library or found.problem(),
+        )
+        for found in sysfs.plugged()
+    ]
+
+
+def _aravis_problem() -> str:
+    """Return why Aravis cannot be used; empty if it can."""
+    from omm_camera_driver.drivers.genicam import library
+
+    try:
+        library.load()
+    except library.AravisMissing as error:
+        return str(error)
+    return ""
 
 
 def _held(address: str) -> str:

@@ -17,7 +17,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--images", action="store_true", help="simulate images instead of centres")
     add("--live", action="store_true", help="start the nodes, measure and record each run")
     add("--folder", type=Path, help="with --live: where the runs go (default: runs/DATE-campaign)")
-    add("--camera", help="with --live: gige, v4l2 or a parameter file (default: simulated cell)")
+    add(
+        "--camera",
+        help="with --live: gige, usb3, v4l2 or a parameter file (default: simulated)",
+    )
     add("--control", help="with --camera: linuxcnc, opcua, mtconnect or a parameter file")
     add("--part", metavar="FILE", type=Path, help="with --camera: part file")
     add("--calibration", metavar="FILE", type=Path, help="with --camera: calibration")

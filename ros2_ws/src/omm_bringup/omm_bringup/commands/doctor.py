@@ -61,7 +61,7 @@ def look() -> list[Finding]:
         _finding(
             "libaravis",
             lambda: _loads("libaravis-0.8.so.0"),
-            "GigE Vision cameras, real and simulated",
+            "GigE Vision cameras, real and simulated, and USB3 Vision cameras",
             "sudo apt install libaravis-0.8-0",
             "V4L2 cameras and the simulated cell (./omm demo)",
         ),

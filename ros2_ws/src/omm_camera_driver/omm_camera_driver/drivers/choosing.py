@@ -11,16 +11,26 @@ MakeDriver = Callable[[], CameraDriver]
 
 def gige(parameters: Parameters, poses: TruePoses) -> MakeDriver:
     """Make the driver of GigE Vision cameras, through Aravis."""
-    from omm_camera_driver.drivers.gige.driver import GigeDriver, GigeOptions
+    from omm_camera_driver.drivers.genicam.driver import GenicamDriver
+    from omm_camera_driver.drivers.gige.link import GigeLink, GigeOptions
 
     options = GigeOptions(
         device=parameters.device,
         packet_size_bytes=parameters.packet_size_bytes,
         socket_buffer_bytes=parameters.socket_buffer_bytes,
         packet_resend=parameters.packet_resend,
-        ptp=parameters.ptp,
     )
-    return lambda: GigeDriver(options)
+    ptp = parameters.ptp
+    return lambda: GenicamDriver(GigeLink(options), ptp=ptp)
+
+
+def usb3(parameters: Parameters, poses: TruePoses) -> MakeDriver:
+    """Make the driver of USB3 Vision cameras, through Aravis."""
+    from omm_camera_driver.drivers.genicam.driver import GenicamDriver
+    from omm_camera_driver.drivers.usb3.link import Usb3Link
+
+    device = parameters.device
+    return lambda: GenicamDriver(Usb3Link(device))
 
 
 def v4l2(parameters: Parameters, poses: TruePoses) -> MakeDriver:
@@ -48,6 +58,7 @@ def simulated(parameters: Parameters, poses: TruePoses) -> MakeDriver:
 
 DRIVERS: dict[str, Callable[[Parameters, TruePoses], MakeDriver]] = {
     "gige": gige,
+    "usb3": usb3,
     "v4l2": v4l2,
     "simulated": simulated,
 }

@@ -34,6 +34,8 @@ class _GError(ctypes.Structure):
 # name: (result, arguments without the trailing GError **); these report errors.
 _FALLIBLE: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "arv_camera_new": (pointer, (c_char_p,)),
+    "arv_camera_new_with_device": (pointer, (pointer,)),
+    "arv_interface_open_device": (pointer, (pointer, c_char_p)),
     "arv_camera_create_stream": (pointer, (pointer, pointer, pointer)),
     "arv_camera_get_vendor_name": (c_char_p, (pointer,)),
     "arv_camera_get_model_name": (c_char_p, (pointer,)),
@@ -94,6 +96,14 @@ _FALLIBLE: dict[str, tuple[Any, tuple[Any, ...]]] = {
 
 _PLAIN: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "arv_camera_get_device": (pointer, (pointer,)),
+    "arv_uv_interface_get_instance": (pointer, ()),
+    "arv_fake_interface_get_instance": (pointer, ()),
+    "arv_interface_update_device_list": (None, (pointer,)),
+    "arv_interface_get_n_devices": (c_uint32, (pointer,)),
+    **{
+        f"arv_interface_get_device_{name}": (c_char_p, (pointer, c_uint32))
+        for name in ("id", "physical_id", "vendor", "model", "serial_nbr")
+    },
     "arv_camera_is_gv_device": (c_int, (pointer,)),
     "arv_camera_gv_set_stream_options": (None, (pointer, c_int)),
     "arv_device_set_range_check_policy": (None, (pointer, c_int)),
@@ -125,6 +135,9 @@ _PLAIN: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "arv_fake_camera_set_fill_pattern": (None, (pointer, pointer, pointer)),
 }
 
+# A library that was built without USB is as good for the others.
+_MAY_LACK = frozenset({"arv_uv_interface_get_instance"})
+
 
 class Aravis:
     """The library: `aravis.camera_new(b"…")` calls `arv_camera_new`."""
@@ -136,6 +149,8 @@ class Aravis:
             function.restype, function.argtypes = result, (*arguments, POINTER(POINTER(_GError)))
             setattr(self, name.removeprefix("arv_"), self._raising(function))
         for name, (result, arguments) in _PLAIN.items():
+            if name in _MAY_LACK and not hasattr(library, name):
+                continue
             function = getattr(library, name)
             function.restype, function.argtypes = result, arguments
             setattr(self, name.removeprefix("arv_"), function)
@@ -186,6 +201,6 @@ def load() -> Aravis:
         return Aravis(library, library)
     except (OSError, AttributeError) as error:
         raise AravisMissing(
-            f"Expected the library {LIBRARY} for GigE Vision cameras ({error}). "
+            f"Expected the library {LIBRARY} for GigE and USB3 Vision cameras ({error}). "
             f"On Debian and Ubuntu: sudo apt install {PACKAGE}"
         ) from error

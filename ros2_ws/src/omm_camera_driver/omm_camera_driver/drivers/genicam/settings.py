@@ -1,11 +1,11 @@
-"""Settings of a GigE Vision camera: applied, checked against its ranges, read back."""
+"""Settings of a GenICam camera: applied, checked against its ranges, read back."""
 
 from collections.abc import Callable, Mapping
 from ctypes import byref, c_double, c_int, c_uint32
 from typing import Any
 
 from omm_camera_driver.driver import CameraSettings, Trigger, check_range
-from omm_camera_driver.drivers.gige.aravis import AUTO_OFF, Aravis
+from omm_camera_driver.drivers.genicam.library import AUTO_OFF, Aravis
 from omm_core.errors import DeviceError, InputError
 
 _CONTINUOUS_ACQUISITION = 0
@@ -21,7 +21,7 @@ _PTP_STATUS = (b"PtpStatus", b"GevIEEE1588Status")
 _TEMPERATURES = (b"DeviceTemperature", b"DeviceTemperatureRaw")
 
 
-class GigeSettings:
+class GenicamSettings:
     """The settings of one opened camera."""
 
     def __init__(self, arv: Aravis, camera: int, device: int) -> None:

@@ -1,0 +1,1 @@
+"""USB3 Vision: which cameras are plugged in, and the link to one of them."""
