@@ -157,7 +157,12 @@ def test_given_as_camera_file_they_are_named_with_the_way_out(tmp_path, text, so
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("image_width: 2592\n", "", "image_width"),
+        ("image_width: 2592\n", "", "Add it to the file as 'image_width"),
+        ("2592", "2592.5", "whole pixels"),
+        ("1287.3", "2700.0", "width first"),
+        ("2813.2, 0.", "2813,2, 0.", "decimal commas"),
+        ("image_height: 1944", "image_height: 1944,5", "decimal point"),
+        ("2813.2", ".Nan", "finite"),
         ("plumb_bob", "omnidirectional", "omnidirectional"),
         ("0.01]", "0.01, 0]", "expected 0, 4, 5, 8, 12 or 14 coefficients, got 6"),
         ("2813.2", ".nan", "finite"),
@@ -205,6 +210,7 @@ def test_a_camera_info_as_ros2_topic_echo_prints_it_is_taken(tmp_path):
         (CAMERA_INFO.replace("height: 0, width: 0", "height: 500, width: 500"), "roi"),
         (METASHAPE.replace(">frame<", ">fisheye<"), "'fisheye'"),
         (METASHAPE.replace("<width>2592</width>", ""), "'width' is missing"),
+        (METASHAPE.replace("<f>", "<fx>").replace("</f>", "</fx>"), "save it again"),
         (SEVERAL, "a document of cameras"),
     ],
 )

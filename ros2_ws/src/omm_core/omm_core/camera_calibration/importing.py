@@ -47,6 +47,7 @@ def import_lens(foreign: ForeignCalibration) -> ImportedLens:
         foreign.model == "opencv"
         and not any(foreign.coefficients[5:])
         and foreign.radial_8 == 0.0
+        and not any(foreign.tangential_r)
         and foreign.matrix[0, 1] == 0.0
     )
     pixels = lens.pixel_grid(61)
@@ -88,8 +89,10 @@ def foreign_pixels(foreign: ForeignCalibration, rays: Array) -> Array:
     if foreign.model == "opencv":
         over = 1 + r2 * (c[0] + r2 * (c[1] + r2 * (c[4] + r2 * foreign.radial_8)))
         scale = over / (1 + r2 * (c[5] + r2 * (c[6] + r2 * c[7])))
-        xd = x * scale + 2 * c[2] * x * y + c[3] * (r2 + 2 * x * x) + r2 * (c[8] + r2 * c[9])
-        yd = y * scale + c[2] * (r2 + 2 * y * y) + 2 * c[3] * x * y + r2 * (c[10] + r2 * c[11])
+        more = 1 + r2 * (foreign.tangential_r[0] + r2 * foreign.tangential_r[1])
+        xd = x * scale + more * (2 * c[2] * x * y + c[3] * (r2 + 2 * x * x))
+        yd = y * scale + more * (c[2] * (r2 + 2 * y * y) + 2 * c[3] * x * y)
+        xd, yd = xd + r2 * (c[8] + r2 * c[9]), yd + r2 * (c[10] + r2 * c[11])
     else:
         r = np.maximum(np.sqrt(r2), 1e-12)
         if foreign.model == "fov":

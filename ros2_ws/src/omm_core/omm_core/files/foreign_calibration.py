@@ -6,6 +6,9 @@
 | OpenCV | FileStorage as YAML, XML, JSON | the same | OpenCV's, fisheye |
 | Kalibr | ``camchain.yaml`` | the same | radtan, equi, fov |
 | Metashape | calibration XML | corner of the image | OpenCV's radial, P1 and P2 swapped |
+| COLMAP | ``cameras.txt`` | corner of the image | OpenCV's, fisheye |
+| ORB-SLAM, camodocal | settings as YAML | first pixel's centre | OpenCV's, fisheye |
+| anyone's JSON | camera matrix and coefficients by OpenCV's names | the same | OpenCV's |
 
 None of them knows where the camera sits in the tool holder.
 """
@@ -28,19 +31,28 @@ from omm_core.files.foreign_formats import (
     read_metashape,
     read_ost_ini,
 )
+from omm_core.files.foreign_named import read_camodocal, read_colmap, read_orb_slam
 from omm_core.files.outside import Source, read_text
 
 Array = NDArray[np.float64]
 
 _LARGEST_BYTES = 20 << 20
+_JSON_KEYS = r'"(camera_?matrix|mtx|K|intrinsic_matrix|M1)"\s*:'
 _KINDS = (
+    ("ORB-SLAM", r"^Camera1?\.fx\s*:"),
+    ("camodocal", r"^model_type\s*:[\s\S]*^projection_parameters\s*:"),
+    ("COLMAP (cameras.txt)", r"^\d+ +[A-Z_]+ +\d+ +\d+( +[-+.\deE]+)+\s*$"),
     ("OpenCV (FileStorage)", r"^%YAML|<opencv_storage>|!!opencv-matrix|\"opencv-matrix\""),
-    ("Metashape", r"<calibration[\s>][\s\S]*(<projection>|<resolution\s)"),
+    ("Metashape", r"<calibration[\s>][\s\S]*(<projection>|<resolution\s|<f>|<fx>)"),
     ("ROS (ost.ini)", r"^# oST version|^camera matrix\s*$"),
     ("Kalibr", r"^cam\d+\s*:[\s\S]*(camera_model|distortion_model)\s*:"),
     ("ROS (ost.yaml)", r"^camera_matrix\s*:[\s\S]*^distortion_(model|coefficients)\s*:"),
     ("ROS (ost.yaml)", r"^distortion_(model|coefficients)\s*:[\s\S]*^camera_matrix\s*:"),
     ("ROS (CameraInfo)", r"^distortion_model\s*:[\s\S]*^[kK]\s*:"),
+    (
+        "OpenCV (JSON)",
+        r"\A\s*\{(?=[\s\S]*(?i:" + _JSON_KEYS + r"))[\s\S]*\"([dD]|(?i:dist\w*))\"\s*:",
+    ),
 )
 
 
@@ -65,7 +77,7 @@ def refuse_foreign(path: Source) -> None:
 
 
 def read_foreign(path: str | Path) -> ForeignCalibration:
-    """Read a calibration of ROS, OpenCV, Kalibr or Metashape.
+    """Read a calibration of another program.
 
     Raises
     ------
@@ -78,7 +90,9 @@ def read_foreign(path: str | Path) -> ForeignCalibration:
     if source is None:
         raise InputError(
             f"{path}: expected a calibration of ROS (ost.yaml, ost.ini), OpenCV (FileStorage),"
-            " Kalibr (camchain.yaml) or Metashape (XML), got a file that is none of them."
+            " Kalibr (camchain.yaml), Metashape (XML), COLMAP (cameras.txt), ORB-SLAM, camodocal or"
+            " JSON with a camera matrix and distortion coefficients, got a file that is none of"
+            " them."
         )
     try:
         if source == "Metashape":
@@ -87,8 +101,13 @@ def read_foreign(path: str | Path) -> ForeignCalibration:
             return read_ost_ini(text)
         if source == "ROS (CameraInfo)":
             text = re.split(r"^---", text, flags=re.MULTILINE)[0]  # ros2 topic echo ends so
+        if source == "COLMAP (cameras.txt)":
+            return read_colmap(text)
         values = keys_of_opencv_xml(text) if "<opencv_storage>" in text else keys_of_yaml(text)
-        return read_kalibr(values) if source == "Kalibr" else read_matrices(source, values)
+        by_keys = {
+            "Kalibr": read_kalibr, "ORB-SLAM": read_orb_slam, "camodocal": read_camodocal
+        }  # fmt: skip
+        return by_keys[source](values) if source in by_keys else read_matrices(source, values)
     except InputError as error:
         raise InputError(f"{path}, a calibration of {source}: {error}") from None
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:

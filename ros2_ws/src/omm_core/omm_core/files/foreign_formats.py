@@ -10,11 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.errors import InputError
+from omm_core.files.foreign_numbers import image_size, matrix, number, numbers, off_middle
 from omm_core.files.strict_yaml import parse_yaml
 
 Array = NDArray[np.float64]
 
 
+_MATRICES = ("camera_matrix", "Camera_Matrix", "cameraMatrix", "CameraMatrix", "intrinsic_matrix",
+             "mtx", "k", "K", "M1")  # fmt: skip
+_DISTORTIONS = (
+    *("distortion_coefficients", "Distortion_Coefficients", "distCoeffs", "DistCoeffs"),
+    *("dist_coeffs", "dist_coeff", "distortion_coeffs", "dist", "d", "D", "D1"),
+)
 _TILT_TERMS = 12  # OpenCV's coefficients 13 and 14 tilt the sensor
 
 
@@ -35,6 +42,8 @@ class ForeignCalibration:
         In OpenCV's order: k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4; k1..k4 of the fisheye; w of fov.
     radial_8 : float
         Metashape's fourth radial coefficient, of r⁸.
+    tangential_r : tuple of float
+        Metashape's P3 and P4: its tangential terms times 1 + P3 r² + P4 r⁴.
     """
 
     source: str
@@ -45,6 +54,7 @@ class ForeignCalibration:
     model: str
     coefficients: tuple[float, ...]
     radial_8: float = 0.0
+    tangential_r: tuple[float, float] = (0.0, 0.0)
     findings: tuple[str, ...] = field(default=())
 
 
@@ -87,20 +97,23 @@ def read_metashape(text: str) -> ForeignCalibration:
             "expected the calibration of one camera, got a document of cameras. Save it by"
             " Tools > Camera Calibration > Adjusted."
         )
+    if root.find("fx") is not None:
+        raise InputError(
+            "expected one focal length f, got fx and fy as PhotoScan before 1.2 wrote them: open it"
+            " in Metashape and save it again."
+        )
     missing = [name for name in ("width", "height", "f") if root.find(name) is None]
     if missing:
         raise KeyError(missing[0])
-    projection = (root.findtext("projection") or "").strip()
+    projection = (root.findtext("projection") or "frame").strip()
     if projection != "frame":
         raise InputError(f"expected the projection 'frame', got '{projection}'.")
     names = ("f", "cx", "cy", "b1", "b2", "k1", "k2", "k3", "k4", "p1", "p2", "p3", "p4")
-    value = {name: float(root.findtext(name) or 0.0) for name in names}
-    if value["p3"] or value["p4"]:
-        raise InputError("expected P3 and P4 to be 0; they are not understood.")
-    width, height = int(root.findtext("width")), int(root.findtext("height"))
+    value = {name: number(root.findtext(name) or 0.0) for name in names}
+    width, height = image_size({name: root.findtext(name) for name in ("width", "height")})
     # Metashape's pixel (0, 0) is the image's corner, and cx, cy are from the image's middle.
     col, row = (width - 1) / 2 + value["cx"], (height - 1) / 2 + value["cy"]
-    return _foreign(
+    return make_foreign(
         source="Metashape",
         name="",
         size=(width, height),
@@ -108,6 +121,7 @@ def read_metashape(text: str) -> ForeignCalibration:
         model="opencv",
         coefficients=[value[name] for name in ("k1", "k2", "p2", "p1", "k3")],
         radial_8=value["k4"],
+        tangential_r=(value["p3"], value["p4"]),
     )
 
 
@@ -118,16 +132,16 @@ def read_ost_ini(text: str) -> ForeignCalibration:
         found = re.search(rf"^{name}\s*\n((?:[^\n]*\n?){{{lines}}})", text, re.MULTILINE)
         if found is None:
             raise KeyError(name)
-        return [float(word) for word in found.group(1).split()]
+        return numbers(found.group(1))
 
     sections = [s for s in re.findall(r"^\[(.+)\]", text, re.MULTILINE) if s != "image"]
     distortion = block("distortion", 1)
     _refuse_unnamed(distortion)
-    return _foreign(
+    return make_foreign(
         source="ROS (ost.ini)",
         name=sections[0] if sections else "",
         size=(int(block("width", 1)[0]), int(block("height", 1)[0])),
-        matrix=np.reshape(block("camera matrix", 3), (3, 3)),
+        matrix=matrix(block("camera matrix", 3)),
         model="opencv",
         coefficients=distortion,
     )
@@ -135,33 +149,29 @@ def read_ost_ini(text: str) -> ForeignCalibration:
 
 def read_matrices(source: str, values: dict[str, Any]) -> ForeignCalibration:
     """Read what ROS and OpenCV write."""
-    matrix = _first(values, ("camera_matrix", "Camera_Matrix", "cameraMatrix", "k", "K"))
-    distortion = _first(
-        values,
-        ("distortion_coefficients", "Distortion_Coefficients", "distCoeffs", "dist_coeffs",
-         "d", "D"),
-    )  # fmt: skip
-    width = _first(values, ("image_width", "image_Width", "width"))
-    height = _first(values, ("image_height", "image_Height", "height"))
+    camera = _first(values, _MATRICES)
+    distortion = numbers(_first(values, _DISTORTIONS))
+    size = image_size(values)
     if "xi" in values:
         raise InputError("expected a camera with a plain lens, got an omnidirectional one (xi).")
     _refuse_part_of_image(values)
     told = str(values.get("distortion_model", "plumb_bob"))
     if not {"distortion_model", "fisheye_model"} & values.keys():
-        _refuse_unnamed(_data(distortion))
-    fisheye = told in ("equidistant", "fisheye") or bool(float(values.get("fisheye_model", 0)))
+        _refuse_unnamed(distortion)
+    fisheye = told in ("equidistant", "fisheye") or bool(number(values.get("fisheye_model", 0)))
     if not fisheye and told not in ("plumb_bob", "rational_polynomial"):
         raise InputError(
             "expected the distortion_model plumb_bob, rational_polynomial or equidistant,"
             f" got '{told}'."
         )
-    return _foreign(
+    return make_foreign(
         source=source,
         name=str(values.get("camera_name", "")),
-        size=(int(width), int(height)),
-        matrix=np.reshape(_data(matrix), (3, 3)),
+        size=size,
+        matrix=matrix(camera),
         model="equidistant" if fisheye else "opencv",
-        coefficients=_data(distortion),
+        coefficients=distortion,
+        findings=("M1 and D1 are taken, not M2 and D2",) if "M2" in values else (),
     )
 
 
@@ -193,11 +203,6 @@ def _first(values: dict[str, Any], names: tuple[str, ...]) -> Any:
     raise KeyError(names[0])
 
 
-def _data(matrix: Any) -> list[float]:
-    data = matrix["data"] if isinstance(matrix, dict) else matrix
-    return [float(v) for v in np.ravel(np.array(data, dtype=float))]
-
-
 def read_kalibr(values: dict[str, Any]) -> ForeignCalibration:
     """Read the first camera of Kalibr's camchain."""
     names = sorted(name for name in values if re.fullmatch(r"cam\d+", name))
@@ -210,13 +215,14 @@ def read_kalibr(values: dict[str, Any]) -> ForeignCalibration:
     told = str(cam.get("distortion_model", "none"))
     if told not in (*models, "none"):
         raise InputError(f"expected the distortion_model radtan, equi or fov, got '{told}'.")
-    fx, fy, cx, cy = (float(v) for v in cam["intrinsics"])
-    width, height = (int(v) for v in cam["resolution"])
+    if len(cam["intrinsics"]) != 4:
+        raise InputError(f"expected 4 intrinsics of a pinhole, got {len(cam['intrinsics'])}.")
+    fx, fy, cx, cy = numbers(cam["intrinsics"])
     others = f"{names[0]} is taken, not {', '.join(names[1:])}" if len(names) > 1 else ""
-    return _foreign(
+    return make_foreign(
         source="Kalibr",
         name=names[0],
-        size=(width, height),
+        size=image_size(cam),
         matrix=[[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]],
         model=models.get(told, "opencv"),
         coefficients=cam.get("distortion_coeffs", []) if told != "none" else [],
@@ -224,7 +230,7 @@ def read_kalibr(values: dict[str, Any]) -> ForeignCalibration:
     )
 
 
-def _foreign(
+def make_foreign(
     *,
     source: str,
     name: str,
@@ -233,13 +239,21 @@ def _foreign(
     model: str,
     coefficients: Any,
     radial_8: float = 0.0,
+    tangential_r: tuple[float, float] = (0.0, 0.0),
     findings: tuple[str, ...] = (),
 ) -> ForeignCalibration:
+    """Return a lens whose numbers were looked at.
+
+    Raises
+    ------
+    InputError
+        Where they are those of no lens, or of one that is not understood.
+    """
     matrix = np.array(matrix, dtype=float)
-    values = [float(v) for v in coefficients]
+    values = [number(v) for v in coefficients]
     if min(size) < 1:
         raise InputError(f"expected the image's size, got {size[0]} x {size[1]} pixels.")
-    if not (np.isfinite(matrix).all() and np.isfinite([*values, radial_8]).all()):
+    if not (np.isfinite(matrix).all() and np.isfinite([*values, radial_8, *tangential_r]).all()):
         raise InputError("expected finite numbers in the camera matrix and the distortion.")
     if matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
         raise InputError("expected focal lengths above zero (is the camera calibrated?).")
@@ -265,5 +279,6 @@ def _foreign(
         model=model,
         coefficients=tuple(values),
         radial_8=radial_8,
-        findings=findings,
+        tangential_r=tangential_r,
+        findings=(*findings, *off_middle(matrix / matrix[2, 2], size)),
     )
