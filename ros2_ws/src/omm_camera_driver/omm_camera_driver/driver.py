@@ -79,6 +79,8 @@ class Camera:
         False: the worker keeps the camera running and publishes only what was asked for.
     granted : mapping
         Settings as the camera granted them, read back, by name.
+    notes : tuple of str
+        What was found otherwise than it should be and is worth knowing; each is logged once.
     """
 
     vendor: str
@@ -87,6 +89,7 @@ class Camera:
     address: str
     has_software_trigger: bool
     granted: Mapping[str, object] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         return f"{self.vendor} {self.model} {self.serial} at {self.address}"

@@ -114,12 +114,17 @@ class CameraNode(CountingLifecycleNode):
         granted = ", ".join(f"{name} {value}" for name, value in camera.granted.items())
         text = f"Connected: {camera}" + (f" ({granted})" if granted else "")
         self._while_ros_runs(lambda: self.get_logger().info(text))
+        for note in camera.notes:
+            self._while_ros_runs(partial(self._warn, note))
         self._while_ros_runs(self._diagnostics.publish)
 
     def on_problem(self, problem: str) -> None:
         """Tell once what is wrong; the diagnostics go on telling it."""
-        self._while_ros_runs(lambda: self.get_logger().warning(problem))
+        self._while_ros_runs(partial(self._warn, problem))
         self._while_ros_runs(self._diagnostics.publish)
+
+    def _warn(self, text: str) -> None:
+        self.get_logger().warning(text)
 
     def _while_ros_runs(self, say: Callable[[], object]) -> None:
         """Publish or log, unless Ctrl-C has ended ROS beneath the worker."""

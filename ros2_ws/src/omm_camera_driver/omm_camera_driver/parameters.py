@@ -17,7 +17,8 @@ class Parameters:
 
     driver: str = parameter("simulated", "Which kind of camera.", choices=DRIVERS)
     device: str = parameter(
-        "", "Which camera: serial number, address, model or device path; the only one if empty."
+        "",
+        "Which camera: serial number, address, model, port or device path; the only one if empty.",
     )
     frame_id: str = parameter("camera_optical", "Frame of the images.")
     frame_prefix: str = parameter("", "Prefix of every frame's name, for several machines: mill1/.")
@@ -65,6 +66,13 @@ class Parameters:
     )
     packet_resend: bool = parameter(True, "gige: ask for lost packets again.")
     ptp: bool = parameter(False, "gige: let the camera keep PTP time (IEEE 1588).")
+    usb_mode: str = parameter(
+        "async", "usb3: how the bus is read; sync is slower.", choices=("async", "sync")
+    )
+    usb_bandwidth_mb_per_s: float = parameter(
+        0.0, "usb3: what the camera may send at most, where several share a bus; 0 leaves it.",
+        minimum=0.0,
+    )  # fmt: skip
     readout_ms: float = parameter(
         0.0, "v4l2: time from the end of the exposure to the driver's stamp; 0: not known.",
         minimum=0.0,

@@ -30,6 +30,9 @@ _COLOURS = {
     },
 }
 
+# The packed formats are read in groups of whole pixels and whole bytes.
+_GROUP_BITS = {MONO10_PACKED: 24, MONO12_PACKED: 24, MONO10P: 40, MONO12P: 24}
+
 _UNPACKED_SHIFT = {MONO10: 6, MONO12: 4, MONO14: 2, MONO16: 0}
 
 
@@ -38,17 +41,36 @@ def bytes_of(pixel_format: int, width: int, height: int) -> int:
     return width * height * (pixel_format >> 16 & 0xFF) // 8
 
 
+def is_read(pixel_format: int) -> bool:
+    """Return whether images of this format are read."""
+    return pixel_format in {
+        MONO8, *_UNPACKED_SHIFT, MONO10_PACKED, MONO12_PACKED, MONO10P, MONO12P, *_COLOURS
+    }  # fmt: skip
+
+
 def mono_from_genicam(
-    data: NDArray[np.uint8], pixel_format: int, width: int, height: int
+    data: NDArray[np.uint8], pixel_format: int, width: int, height: int, *, row_padding: int = 0
 ) -> NDArray[np.generic]:
     """Return the image (height, width) uint8 or uint16; a view of Mono8 and Mono16 data.
+
+    Parameters
+    ----------
+    row_padding : bytes after each row that are no pixels
 
     Raises
     ------
     DeviceError
-        The format is not monochrome, or the data are too short.
+        The format is not read, or the data are too short, or do not end with a row's end.
     """
     size = bytes_of(pixel_format, width, height)
+    row_bits = width * (pixel_format >> 16 & 0xFF)
+    if row_padding and row_bits % 8 == 0:
+        data = _without_padding(data, row_bits // 8, row_padding, height)
+    elif row_padding or row_bits * height % _GROUP_BITS.get(pixel_format, 8):
+        raise DeviceError(
+            f"Expected a width whose rows fill whole bytes, got {width} pixels of format "
+            f"0x{pixel_format:08x}. Set roi_width_px to a multiple of 4."
+        )
     if len(data) < size:
         raise DeviceError(f"Expected {size} bytes for {width} × {height} pixels, got {len(data)}.")
     data = data[:size]
@@ -70,6 +92,17 @@ def mono_from_genicam(
         "Expected a pixel format of Mono8, 10, 12 or 16 (packed or not), Bayer8 to 16, RGB8 or "
         f"BGR8, got 0x{pixel_format:08x}. Set the parameter pixel_format."
     )
+
+
+def _without_padding(
+    data: NDArray[np.uint8], row_bytes: int, padding: int, height: int
+) -> NDArray[np.uint8]:
+    step = row_bytes + padding
+    # The last row's padding may be left out.
+    whole = np.resize(data[: step * height], step * height) if height else data[:0]
+    if len(data) < step * height - padding:
+        raise DeviceError(f"Expected {step * height} bytes in {height} rows, got {len(data)}.")
+    return np.ascontiguousarray(whole.reshape(height, step)[:, :row_bytes]).reshape(-1)
 
 
 def _grey(

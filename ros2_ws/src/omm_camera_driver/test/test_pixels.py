@@ -90,3 +90,17 @@ def test_colours_become_their_luma(pixel_format, order):
     colours[:, :, order.index("r")] = 200
     grey = pixels.mono_from_genicam(colours.reshape(-1), pixel_format, 6, 4)
     assert np.all(grey == 60)
+
+
+def test_bytes_after_each_row_are_left_out() -> None:
+    image = np.arange(24, dtype=np.uint8).reshape(4, 6)
+    padded = np.pad(image, ((0, 0), (0, 2)), constant_values=99).reshape(-1)
+    for raw in (padded, padded[:-2]):  # the last row's padding may be missing
+        np.testing.assert_array_equal(
+            pixels.mono_from_genicam(raw, pixels.MONO8, 6, 4, row_padding=2), image
+        )
+
+
+def test_packed_pixels_that_end_within_a_byte_are_refused() -> None:
+    with pytest.raises(DeviceError, match="roi_width_px"):
+        pixels.mono_from_genicam(np.zeros(100, np.uint8), pixels.MONO10P, 5, 3)

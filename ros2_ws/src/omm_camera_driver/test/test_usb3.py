@@ -14,7 +14,7 @@ from omm_camera_driver.driver import CameraSettings, DeviceLost, Frame, Trigger
 from omm_camera_driver.drivers.genicam import library
 from omm_camera_driver.drivers.genicam.driver import GenicamDriver
 from omm_camera_driver.drivers.usb3.finding import ListedCamera, choose, seen_as
-from omm_camera_driver.drivers.usb3.link import Usb3Link
+from omm_camera_driver.drivers.usb3.link import Usb3Link, Usb3Options
 from omm_camera_driver.drivers.usb3.sysfs import PluggedCamera, plugged
 from omm_core.errors import DeviceError
 
@@ -34,7 +34,7 @@ def driver() -> Iterator[GenicamDriver]:
         library.load()
     except library.AravisMissing as missing:
         pytest.skip(str(missing))
-    opened = GenicamDriver(FakeLink())
+    opened = GenicamDriver(FakeLink(Usb3Options()))
     yield opened
     opened.close()
 
@@ -64,20 +64,6 @@ def test_a_camera_that_is_on_no_network_is_opened_triggered_and_checked(
         driver.check()
         assert driver.health()["frames_received"] == expected
     assert "packets_resent" not in driver.health()
-
-
-def test_a_system_clock_that_is_set_is_noticed_at_the_next_image(
-    driver: GenicamDriver, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    driver.open(SETTINGS)
-    driver.start()
-    take(driver)
-    assert "system_clock_steps" not in driver.health()
-    real_ns = time.time_ns
-    monkeypatch.setattr(time, "time_ns", lambda: real_ns() + 1_000_000_000)
-    take(driver)
-    take(driver)
-    assert driver.health()["system_clock_steps"] == 1
 
 
 def test_an_unplugged_camera_is_lost_with_advice(
@@ -130,8 +116,19 @@ def test_cameras_are_told_from_other_usb_devices(tmp_path: Path) -> None:
     assert (camera.problem(), camera.slow()) == ("", "")
 
 
-def test_a_camera_without_the_right_to_use_it_says_which_rule_gives_it(tmp_path: Path) -> None:
+def test_a_camera_whose_device_file_is_missing_points_at_the_container(tmp_path: Path) -> None:
     (camera,) = plugged(shown_by_linux(tmp_path), tmp_path / "no nodes")
+    assert "--device /dev/bus/usb" in camera.problem()
+
+
+def test_a_camera_without_the_right_to_use_it_says_which_rule_gives_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node = tmp_path / "nodes" / "002" / "007"
+    node.parent.mkdir(parents=True)
+    node.touch()
+    monkeypatch.setattr("os.access", lambda *_: False)
+    (camera,) = plugged(shown_by_linux(tmp_path), tmp_path / "nodes")
     rule = next((Path(__file__).parents[1] / "udev").glob("*.rules"))
     assert rule.name in camera.problem()
     with pytest.raises(DeviceError, match=f"found none.*{rule.name}"):
@@ -152,6 +149,14 @@ def test_one_of_several_is_chosen_by_serial_number_or_guid_and_never_at_random()
     assert choose("22097656", [one, two], []) == two
     assert choose("26760164D0A1", [one, two], []) == one
     assert choose("", [one], []) == one
+    seen = [
+        PluggedCamera(
+            vendor="Maker", model="M-500", serial=f"26760164D0A{k}", port=f"2-1.{k}",
+            node=Path("/dev"), speed_mbps=5000,
+        )
+        for k in (1, 2)
+    ]  # fmt: skip
+    assert choose("2-1.2", [one, two], seen) == two
     for name in ("", "M-500"):
         with pytest.raises(DeviceError, match=r"Expected one camera, found .*22097655.*22097656"):
             choose(name, [one, two], [])

@@ -81,7 +81,7 @@ def _usb3() -> list[ListedCamera]:
     return [
         ListedCamera(
             driver="usb3",
-            device=found.serial or found.model,
+            device=found.serial or found.port,
             vendor=found.vendor,
             model=found.model,
             serial=found.serial,

@@ -11,6 +11,7 @@ from pathlib import Path
 
 # An image of 5 MB comes as fast as the network brings it: the socket must hold what the computer
 # has not read yet (measured: with the default nearly all images miss packets).
+_USB_MEMORY_MB = 128
 _SOCKET_BUFFER_BYTES = 4_000_000
 
 
@@ -71,6 +72,13 @@ def look() -> list[Finding]:
             "GigE Vision cameras without lost packets",
             f"sudo sysctl -w net.core.rmem_max={2 * _SOCKET_BUFFER_BYTES}",
             "slow or small images; all others lose packets",
+        ),
+        _finding(
+            "USB memory",
+            lambda: _usb_memory_mb() >= _USB_MEMORY_MB,
+            "USB3 Vision cameras of several megapixels",
+            f"usbcore.usbfs_memory_mb={2 * _USB_MEMORY_MB} on the kernel's command line",
+            "small images; large ones get lost",
         ),
         _finding(
             "video devices",
@@ -156,6 +164,12 @@ def _loads(library: str) -> bool:
 
 def _largest_socket_buffer() -> int:
     return int(Path("/proc/sys/net/core/rmem_max").read_text())
+
+
+def _usb_memory_mb() -> int:
+    told = Path("/sys/module/usbcore/parameters/usbfs_memory_mb")
+    # 0 means no limit; a computer without USB has nothing to be short of.
+    return (int(told.read_text()) if told.exists() else 0) or _USB_MEMORY_MB
 
 
 def _may_use_video() -> bool:

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from omm_camera_driver.driver import CameraDriver
 from omm_camera_driver.drivers.simulated.true_poses import TruePoses
 from omm_camera_driver.parameters import Parameters
+from omm_core.errors import InputError
 
 MakeDriver = Callable[[], CameraDriver]
 
@@ -27,10 +28,16 @@ def gige(parameters: Parameters, poses: TruePoses) -> MakeDriver:
 def usb3(parameters: Parameters, poses: TruePoses) -> MakeDriver:
     """Make the driver of USB3 Vision cameras, through Aravis."""
     from omm_camera_driver.drivers.genicam.driver import GenicamDriver
-    from omm_camera_driver.drivers.usb3.link import Usb3Link
+    from omm_camera_driver.drivers.usb3.link import Usb3Link, Usb3Options
 
-    device = parameters.device
-    return lambda: GenicamDriver(Usb3Link(device))
+    if parameters.ptp:
+        raise InputError("Expected ptp false: USB has no PTP; the camera's own clock is read.")
+    options = Usb3Options(
+        device=parameters.device,
+        mode=parameters.usb_mode,
+        bandwidth_mb_per_s=parameters.usb_bandwidth_mb_per_s,
+    )
+    return lambda: GenicamDriver(Usb3Link(options))
 
 
 def v4l2(parameters: Parameters, poses: TruePoses) -> MakeDriver:

@@ -2,11 +2,12 @@
 
 import time
 from collections.abc import Mapping
-from ctypes import byref, c_uint64
+from ctypes import byref, c_int, c_uint64
 from typing import Any
 
 import numpy as np
 
+from omm_camera_driver.clocks import WallClock
 from omm_camera_driver.driver import Camera, CameraSettings, DeviceLost, Frame
 from omm_camera_driver.drivers.genicam import library
 from omm_camera_driver.drivers.genicam.camera_clock import CameraClock
@@ -17,8 +18,6 @@ from omm_core.errors import DeviceError, OmmError
 
 _BUFFERS = 10
 _CLOCK_PERIOD_S = 5.0
-# More than a clock that is slewed (500 ppm) gains between two readings of the camera's.
-_STEP_NS = 5_000_000
 
 
 class GenicamDriver:
@@ -28,9 +27,10 @@ class GenicamDriver:
     ----------
     link : how to reach it
     ptp : let the camera keep PTP time
+    wall : the system's clock
     """
 
-    def __init__(self, link: Link, *, ptp: bool = False) -> None:
+    def __init__(self, link: Link, *, ptp: bool = False, wall: WallClock | None = None) -> None:
         self._link = link
         self._ptp = ptp
         self._arv = library.load()
@@ -38,11 +38,9 @@ class GenicamDriver:
         self._stream: int | None = None
         self._buffers: dict[int, np.ndarray] = {}
         self._held: int | None = None
+        self._wall = wall or WallClock()
         self._clock = CameraClock()
         self._clock_read_s = 0.0
-        self._latches = True
-        self._system_clock_ns = _system_clock_ns()
-        self._system_clock_steps = 0
         self._heard_s = 0.0
         self._exposure_ns = 0
         self._camera_health: Mapping[str, Any] = {}
@@ -56,9 +54,9 @@ class GenicamDriver:
         device = self._arv.camera_get_device(self._camera)
         self._arv.device_set_range_check_policy(device, library.RANGE_CHECK_ENABLE)
         self._settings = GenicamSettings(self._arv, self._camera, device)
-        self._settings.apply(settings, ptp=self._ptp)
+        notes = self._settings.apply(settings, ptp=self._ptp)
         self._exposure_ns = self._settings.exposure_ns()
-        granted = self._link.prepare()
+        granted = self._link.prepare(self._settings)
         self._make_stream()
         self._read_clock(times=5)
         self._camera_health = self._settings.health()
@@ -70,6 +68,7 @@ class GenicamDriver:
             address=linked.address,
             has_software_trigger=bool(self._arv.camera_is_software_trigger_supported(self._camera)),
             granted={**self._settings.granted(), **granted},
+            notes=(*linked.notes, *notes),
         )
 
     def start(self) -> None:
@@ -129,7 +128,6 @@ class GenicamDriver:
         """Return what the stream counted, and the camera's temperature."""
         if self._stream is None:
             return {}
-        steps = self._system_clock_steps
         completed, failed, underruns = c_uint64(), c_uint64(), c_uint64()
         self._arv.stream_get_statistics(
             self._stream, byref(completed), byref(failed), byref(underruns)
@@ -139,8 +137,7 @@ class GenicamDriver:
             "frames_failed": failed.value,
             "packets_without_buffer": underruns.value,
             **self._link.health(self._stream),
-            "clock": "latched" if self._clock.is_read else "from arrivals",
-            **({"system_clock_steps": steps} if steps else {}),
+            "clock": self._clock.told(),
             **self._camera_health,
         }
 
@@ -179,11 +176,14 @@ class GenicamDriver:
             self._arv.stream_push_buffer(self._stream, held)
 
     def _pixels(self, buffer: int) -> "np.ndarray[Any, Any]":
+        across, down = c_int(), c_int()
+        self._arv.buffer_get_image_padding(buffer, byref(across), byref(down))
         return mono_from_genicam(
             self._buffers[buffer],
             self._arv.buffer_get_image_pixel_format(buffer),
             self._arv.buffer_get_image_width(buffer),
             self._arv.buffer_get_image_height(buffer),
+            row_padding=across.value,
         )
 
     def _count(self, buffer: int) -> int:
@@ -196,32 +196,28 @@ class GenicamDriver:
 
     def _stamp(self, buffer: int) -> tuple[int, int]:
         """Return the system time of the exposure's beginning, and how far off it may be."""
-        camera_ns = self._arv.buffer_get_timestamp(buffer)
-        arrival_ns = self._arv.buffer_get_system_timestamp(buffer)
-        if abs(_system_clock_ns() - self._system_clock_ns) > _STEP_NS:
-            # The system's clock was set: what is known of the camera's is no longer so.
-            self._system_clock_steps += 1
-            self._clock = CameraClock()
+        step = self._wall.look()
+        now_ns = self._wall.monotonic_ns()
+        # Aravis stamps arrivals by the wall clock. Across a step, it can only be "before now".
+        arrival_ns = self._wall.monotonic_of(self._arv.buffer_get_system_timestamp(buffer))
+        if step is not None or arrival_ns > now_ns:
+            arrival_ns = now_ns
+        if step is not None and step.slept_ns:
+            self._clock.forget()
             self._read_clock(times=5)
-        if not self._clock.can_be(camera_ns, arrival_ns, self._exposure_ns):
-            # The camera counts its images in another unit than its clock.
-            self._clock, self._latches = CameraClock(), False
-        self._clock.add_arrival(camera_ns, arrival_ns)
-        return self._clock.system_time(camera_ns, arrival_ns)
+        begin_ns, bound_ns = self._clock.exposure_begin(
+            self._arv.buffer_get_timestamp(buffer), arrival_ns, self._exposure_ns
+        )
+        return self._wall.system_ns(begin_ns), bound_ns
 
     def _read_clock(self, times: int) -> None:
         self._clock_read_s = time.monotonic()
-        self._system_clock_ns = _system_clock_ns()
         try:
-            for _ in range(times if self._latches else 0):
+            for _ in range(times):
                 reading = self._link.read_clock()
-                if reading is not None:
-                    self._clock.add_reading(reading)
-        except DeviceError:
-            # Optional in both protocols: then the arrivals have to do.
-            self._latches = self._clock.is_read
-
-
-def _system_clock_ns() -> int:
-    """Return how far the system's clock is ahead of the one that nobody sets."""
-    return time.time_ns() - time.monotonic_ns()
+                if reading is None:
+                    return
+                self._clock.add_reading(reading)
+        except DeviceError as error:
+            # Optional in both standards: then the arrivals have to do.
+            self._clock.unread = str(error)

@@ -18,6 +18,7 @@ PACKAGE = "libaravis-0.8-0"
 
 BUFFER_SUCCESS = 0
 SOCKET_BUFFER_FIXED = 0
+USB_MODES = {"sync": 0, "async": 1}
 RESEND_NEVER, RESEND_ALWAYS = 0, 1
 AUTO_OFF = 0
 RANGE_CHECK_ENABLE = 1
@@ -67,6 +68,10 @@ _FALLIBLE: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "arv_camera_set_boolean": (None, (pointer, c_char_p, c_int)),
     "arv_camera_get_float": (c_double, (pointer, c_char_p)),
     "arv_camera_get_integer": (c_int64, (pointer, c_char_p)),
+    "arv_camera_get_integer_bounds": (None, (pointer, c_char_p, *(POINTER(c_int64),) * 2)),
+    "arv_camera_set_integer": (None, (pointer, c_char_p, c_int64)),
+    "arv_camera_get_boolean": (c_int, (pointer, c_char_p)),
+    "arv_camera_get_pixel_format": (c_uint32, (pointer,)),
     "arv_camera_execute_command": (None, (pointer, c_char_p)),
     "arv_device_read_register": (c_int, (pointer, c_uint64, POINTER(c_uint32))),
     "arv_device_write_register": (c_int, (pointer, c_uint64, c_uint32)),
@@ -106,6 +111,8 @@ _PLAIN: dict[str, tuple[Any, tuple[Any, ...]]] = {
     },
     "arv_camera_is_gv_device": (c_int, (pointer,)),
     "arv_camera_gv_set_stream_options": (None, (pointer, c_int)),
+    "arv_camera_is_uv_device": (c_int, (pointer,)),
+    "arv_camera_uv_set_usb_mode": (None, (pointer, c_int)),
     "arv_device_set_range_check_policy": (None, (pointer, c_int)),
     "arv_gv_device_is_controller": (c_int, (pointer,)),
     "arv_stream_push_buffer": (None, (pointer, pointer)),
@@ -121,6 +128,7 @@ _PLAIN: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "arv_buffer_get_image_width": (c_int, (pointer,)),
     "arv_buffer_get_image_height": (c_int, (pointer,)),
     "arv_buffer_get_image_pixel_format": (c_uint32, (pointer,)),
+    "arv_buffer_get_image_padding": (None, (pointer, *(POINTER(c_int),) * 2)),
     "arv_buffer_get_data": (pointer, (pointer, POINTER(c_size_t))),
     "arv_gv_fake_camera_new_full": (pointer, (c_char_p, c_char_p, c_char_p)),
     "arv_gv_fake_camera_get_fake_camera": (pointer, (pointer,)),
@@ -133,6 +141,8 @@ _PLAIN: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "arv_fake_camera_write_memory": (c_int, (pointer, c_uint32, c_uint32, c_char_p)),
     "arv_fake_camera_set_trigger_frequency": (None, (pointer, c_double)),
     "arv_fake_camera_set_fill_pattern": (None, (pointer, pointer, pointer)),
+    "arv_fake_device_get_fake_camera": (pointer, (pointer,)),
+    "arv_set_fake_camera_genicam_filename": (None, (c_char_p,)),
 }
 
 # A library that was built without USB is as good for the others.

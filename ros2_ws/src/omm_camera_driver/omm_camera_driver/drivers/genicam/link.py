@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from omm_camera_driver.drivers.genicam.camera_clock import ClockReading
+from omm_camera_driver.drivers.genicam.settings import GenicamSettings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -15,6 +16,8 @@ class Linked:
     ----------
     handle : int
         Aravis' `ArvCamera`; whoever opened the link lets go of it.
+    notes : tuple of str
+        What is usable and yet not as it should be.
     """
 
     handle: int
@@ -22,6 +25,7 @@ class Linked:
     model: str
     serial: str
     address: str
+    notes: tuple[str, ...] = ()
 
 
 class Link(Protocol):
@@ -37,7 +41,7 @@ class Link(Protocol):
         """
         ...
 
-    def prepare(self) -> Mapping[str, object]:
+    def prepare(self, settings: GenicamSettings) -> Mapping[str, object]:
         """Set what the stream keeps from its making on; return what was granted."""
         ...
 
@@ -64,12 +68,12 @@ class Link(Protocol):
         ...
 
     def read_clock(self) -> ClockReading | None:
-        """Read the camera's clock; None where this reading is to be left out.
+        """Read the camera's clock; None where it has none.
 
         Raises
         ------
         DeviceError
-            This camera's clock cannot be read.
+            It cannot be read.
         """
         ...
 

@@ -1,11 +1,12 @@
 """Settings of a GenICam camera: applied, checked against its ranges, read back."""
 
 from collections.abc import Callable, Mapping
-from ctypes import byref, c_double, c_int, c_uint32
+from ctypes import byref, c_double, c_int, c_int64, c_uint32
 from typing import Any
 
 from omm_camera_driver.driver import CameraSettings, Trigger, check_range
 from omm_camera_driver.drivers.genicam.library import AUTO_OFF, Aravis
+from omm_camera_driver.pixels import is_read
 from omm_core.errors import DeviceError, InputError
 
 _CONTINUOUS_ACQUISITION = 0
@@ -19,6 +20,13 @@ _NUMBERS = {
 _PTP_FEATURES = (b"PtpEnable", b"GevIEEE1588")
 _PTP_STATUS = (b"PtpStatus", b"GevIEEE1588Status")
 _TEMPERATURES = (b"DeviceTemperature", b"DeviceTemperatureRaw")
+# What a former user may have left on, and a measuring camera must not have: a calibration holds for
+# pixels as the sensor has them, and exposures as they are asked for. Named in `controls`, it stays.
+_NEUTRAL: dict[str, int | str] = {
+    "BinningHorizontal": 1, "BinningVertical": 1, "DecimationHorizontal": 1,
+    "DecimationVertical": 1, "ReverseX": False, "ReverseY": False, "ChunkModeActive": False,
+    "TestPattern": "Off", "ExposureMode": "Timed",
+}  # fmt: skip
 
 
 class GenicamSettings:
@@ -29,30 +37,43 @@ class GenicamSettings:
         self._camera = camera
         self._device = device
 
-    def apply(self, settings: CameraSettings, *, ptp: bool) -> None:
-        """Set everything that is asked for.
+    def apply(self, settings: CameraSettings, *, ptp: bool) -> tuple[str, ...]:
+        """Set everything that is asked for, and take back what a former user left on.
 
-        The order matters: the region bounds the frame rate, the frame rate bounds the exposure.
+        The order matters: binning bounds the region, the region bounds the frame rate.
+
+        Returns
+        -------
+        tuple of str
+            What was taken back.
 
         Raises
         ------
         InputError
             The camera does not have a setting, or not in this range.
         """
+        self._stop()
+        notes = tuple(
+            note
+            for feature, neutral in _NEUTRAL.items()
+            if feature not in settings.controls and (note := self._take_back(feature, neutral))
+        )
+        for name in [name for name in settings.controls if name in _NEUTRAL]:
+            self._set_control(name, settings.controls[name])
         if settings.pixel_format is not None:
             self._set_pixel_format(settings.pixel_format)
+        self._check_pixel_format()
         self._set_region(settings)
-        for name in ("exposure_us", "gain", "black_level", "frame_rate_hz"):
-            value = getattr(settings, name)
-            if value is not None:
-                self.set(name, value)
+        self._set_numbers(settings)
         self._set_trigger(settings)  # after the frame rate, with which Aravis clears triggers
         if settings.strobe_line:
             self._set_strobe(settings.strobe_line)
         for name, value in settings.controls.items():
-            self._set_control(name, value)
+            if name not in _NEUTRAL:
+                self._set_control(name, value)
         if ptp:
             self._first_available(_PTP_FEATURES, "PTP", self._enable)
+        return notes
 
     def set(self, name: str, value: float) -> float:
         """Set one of the numbers and return what the camera made of it."""
@@ -107,12 +128,79 @@ class GenicamSettings:
         except DeviceError:  # some cameras have it as an integer
             return float(self._call("camera_get_integer", feature))
 
-    def _set_pixel_format(self, name: str) -> None:
+    def set_integer(self, feature: str, value: int, unit: str = "") -> int:
+        """Set an integer feature, checked against its range; return what it became."""
+        low, high = c_int64(), c_int64()
+        self._call("camera_get_integer_bounds", feature.encode(), byref(low), byref(high))
+        check_range(feature, value, low.value, high.value, unit)
+        self._call("camera_set_integer", feature.encode(), value)
+        return int(self._call("camera_get_integer", feature.encode()))
+
+    def has(self, feature: str) -> bool:
+        """Return whether the camera has a feature, and it can be used now."""
+        return bool(self._call("camera_is_feature_available", feature.encode()))
+
+    def set_string(self, feature: str, value: str) -> None:
+        """Set an enumeration."""
+        self._call("camera_set_string", feature.encode(), value.encode())
+
+    def _stop(self) -> None:
+        """End what a program that crashed has left running: it locks the settings."""
+        try:
+            self._call("camera_stop_acquisition")
+        except DeviceError:
+            # Some cameras refuse to stop while they stand still.
+            return
+
+    def _take_back(self, feature: str, neutral: int | str) -> str:
+        """Set a feature to its neutral value; return what it was, empty where it was neutral."""
+        name = feature.encode()
+        if not self._call("camera_is_feature_available", name):
+            return ""
+        kind = {bool: "boolean", int: "integer", str: "string"}[type(neutral)]
+        try:
+            found = self._call(f"camera_get_{kind}", name)
+            found = found.decode() if isinstance(found, bytes) else type(neutral)(found)
+            if found == neutral:
+                return ""
+            value = neutral.encode() if isinstance(neutral, str) else int(neutral)
+            self._call(f"camera_set_{kind}", name, value)
+        except DeviceError as error:
+            return f"{feature} could not be made sure of: {error}"
+        return f"{feature} was {found}, left by a former user; it is {neutral} now."
+
+    def _set_numbers(self, settings: CameraSettings) -> None:
+        """Set exposure, gain and rate; what another of them bounds is tried again after it."""
+        wanted = {name: getattr(settings, name) for name in _NUMBERS}
+        refused = []
+        for name in [name for name, value in wanted.items() if value is not None]:
+            try:
+                self.set(name, wanted[name])
+            except InputError:
+                refused.append(name)
+        for name in refused:
+            self.set(name, wanted[name])
+
+    def _check_pixel_format(self) -> None:
+        """Refuse a format that is not read, and name those that are."""
+        if is_read(self._call("camera_get_pixel_format")):
+            return
+        has = (self._call("camera_get_pixel_format_as_string") or b"?").decode()
+        raise InputError(
+            f"Expected a pixel format that is read (Mono8 to Mono16, Bayer, RGB8, BGR8), but the "
+            f"camera is set to {has}. Set pixel_format to one of {', '.join(self._formats())}."
+        )
+
+    def _formats(self) -> list[str]:
         count = c_uint32()
         names = self._call("camera_dup_available_pixel_formats_as_strings", byref(count))
         known = [names[i].decode() for i in range(count.value)] if names else []
         if names:
             self._arv.g_free(names)
+        return known
+
+    def _set_pixel_format(self, name: str) -> None:
+        known = self._formats()
         if name not in known:
             raise InputError(f"Expected pixel_format to be one of {', '.join(known)}, got {name}.")
         self._call("camera_set_pixel_format_from_string", name.encode())

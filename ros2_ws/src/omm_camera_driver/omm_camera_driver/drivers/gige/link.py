@@ -9,8 +9,9 @@ from typing import Any
 
 from omm_camera_driver.driver import DeviceLost
 from omm_camera_driver.drivers.genicam import library
-from omm_camera_driver.drivers.genicam.camera_clock import ClockReading, timed
+from omm_camera_driver.drivers.genicam.camera_clock import ClockReading
 from omm_camera_driver.drivers.genicam.link import Linked
+from omm_camera_driver.drivers.genicam.settings import GenicamSettings
 from omm_camera_driver.drivers.gige import gvcp
 from omm_camera_driver.drivers.gige.finding import find, label_of
 from omm_core.errors import DeviceError
@@ -21,7 +22,7 @@ _UNANSWERED_S = 1.0
 _TICK_HIGH, _TICK_LOW = 0x093C, 0x0940
 _TIMESTAMP_CONTROL, _TIMESTAMP_HIGH, _TIMESTAMP_LOW = 0x0944, 0x0948, 0x094C
 _LATCH = 2
-_LATCHED_WITHIN_S = 0.05
+_LATCHED_WITHIN_NS = 50_000_000
 _held: dict[str, gvcp.HeldWatch] = {}  # by address, from one connection to the next
 
 
@@ -56,6 +57,7 @@ class GigeLink:
         self._arv = library.load()
         self._camera = self._device = 0
         self._address = ""
+        self._ticks_per_s: int | None = None
 
     def open(self) -> Linked:
         """Find the camera and take control of it."""
@@ -76,7 +78,7 @@ class GigeLink:
             address=found.address,
         )
 
-    def prepare(self) -> Mapping[str, object]:
+    def prepare(self, settings: GenicamSettings) -> Mapping[str, object]:
         """Agree on the size of the packets."""
         wanted = self._options.packet_size_bytes
         if not wanted and ipaddress.ip_address(self._address).is_loopback:
@@ -119,19 +121,21 @@ class GigeLink:
 
     def read_clock(self) -> ClockReading | None:
         """Have the camera note its time, between the asking and the answer."""
-        ticks_per_s = self._register(_TICK_HIGH) << 32 | self._register(_TICK_LOW)
-        if not ticks_per_s:
-            raise DeviceError("The camera has no clock.")
-        with timed() as period:
-            self._arv.device_write_register(self._device, _TIMESTAMP_CONTROL, _LATCH)
-            late_s = time.monotonic() + _LATCHED_WITHIN_S
-            while self._register(_TIMESTAMP_CONTROL) & _LATCH:  # still at it
-                if time.monotonic() > late_s:
-                    raise DeviceError("The camera does not latch its clock.")
+        if self._ticks_per_s is None:
+            self._ticks_per_s = self._register(_TICK_HIGH) << 32 | self._register(_TICK_LOW)
+        if not self._ticks_per_s:
+            return None
+        after_ns = time.monotonic_ns()
+        self._arv.device_write_register(self._device, _TIMESTAMP_CONTROL, _LATCH)
+        while self._register(_TIMESTAMP_CONTROL) & _LATCH:  # still at it
+            if time.monotonic_ns() - after_ns > _LATCHED_WITHIN_NS:
+                raise DeviceError("the camera does not latch its clock")
+        before_ns = time.monotonic_ns()
         ticks = self._register(_TIMESTAMP_HIGH) << 32 | self._register(_TIMESTAMP_LOW)
         if ticks == 0:
-            raise DeviceError("The camera has no clock.")
-        return period.reading(ticks * 1_000_000_000 // ticks_per_s)
+            raise DeviceError("the camera's clock stands still")
+        camera_ns = ticks * 1_000_000_000 // self._ticks_per_s
+        return ClockReading(camera_ns=camera_ns, after_ns=after_ns, before_ns=before_ns)
 
     def health(self, stream: int) -> Mapping[str, Any]:
         """Return the packets that were asked for again, and those that never came."""

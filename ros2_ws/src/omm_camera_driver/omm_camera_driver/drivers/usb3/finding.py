@@ -60,7 +60,7 @@ def listed(arv: Aravis, interface: int) -> list[ListedCamera]:
 
 
 def choose(device: str, there: list[ListedCamera], seen: list[PluggedCamera]) -> ListedCamera:
-    """Return the camera that is meant by a serial number, model or other name, or by nothing.
+    """Return the camera that is meant by a serial number, model, port or other name, or by nothing.
 
     Parameters
     ----------
@@ -72,7 +72,12 @@ def choose(device: str, there: list[ListedCamera], seen: list[PluggedCamera]) ->
     DeviceError
         There is none, or several, or the right to use it is missing.
     """
-    meant = [camera for camera in there if not device or camera.is_called(device)]
+    ports = [camera for camera in seen if camera.port == device]
+    meant = [
+        camera
+        for camera in there
+        if not device or camera.is_called(device) or seen_as(camera, seen) in ports
+    ]
     if len(meant) == 1:
         return meant[0]
     if len(meant) > 1:

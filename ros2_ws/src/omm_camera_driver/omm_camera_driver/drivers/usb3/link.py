@@ -1,34 +1,57 @@
 """The link to a USB3 Vision camera."""
 
+import time
 from collections.abc import Mapping
 from ctypes import byref, c_uint32
+from dataclasses import dataclass
 from typing import Any
 
 from omm_camera_driver.driver import DeviceLost
 from omm_camera_driver.drivers.genicam import library
-from omm_camera_driver.drivers.genicam.camera_clock import ClockReading, timed
+from omm_camera_driver.drivers.genicam.camera_clock import ClockReading
 from omm_camera_driver.drivers.genicam.link import Linked
+from omm_camera_driver.drivers.genicam.settings import GenicamSettings
 from omm_camera_driver.drivers.usb3.finding import choose, listed, seen_as
 from omm_camera_driver.drivers.usb3.sysfs import PluggedCamera, plugged
-from omm_core.errors import DeviceError
+from omm_core.errors import DeviceError, InputError
 
-# GenCP bootstrap registers: version, and the camera's time (ticks, order to note it, ns per tick).
+# GenCP 1.3.1, 5.4: version, the camera's time in ns, and the order to note it. (The register that
+# follows, ns per tick, only says how finely the time goes on.)
 _VERSION = 0x0000
-_TIMESTAMP, _TIMESTAMP_LATCH, _TICK_NS = 0x01F0, 0x01F8, 0x01FC
+_TIMESTAMP, _TIMESTAMP_LATCH = 0x01F0, 0x01F8
+# SFNC: the same as features. Where a camera has them, they are of the clock that stamps its images.
+_CLOCK_FEATURES = ("TimestampLatch", "TimestampLatchValue")
+_LIMIT, _LIMIT_MODE = "DeviceLinkThroughputLimit", "DeviceLinkThroughputLimitMode"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Usb3Options:
+    """How to reach the camera.
+
+    Attributes
+    ----------
+    device : str
+        Serial number, GUID, model or port; empty: the only one there is.
+    mode : str
+        How Aravis reads from the bus: async or sync.
+    bandwidth_mb_per_s : float
+        What the camera may send at most; 0 leaves it.
+    """
+
+    device: str = ""
+    mode: str = "async"
+    bandwidth_mb_per_s: float = 0.0
 
 
 class Usb3Link:
-    """One connection to one USB3 Vision camera.
+    """One connection to one USB3 Vision camera."""
 
-    Parameters
-    ----------
-    device : serial number, GUID or model; empty: the only one there is
-    """
-
-    def __init__(self, device: str = "") -> None:
-        self._wanted = device
+    def __init__(self, options: Usb3Options) -> None:
+        self._options = options
         self._arv = library.load()
-        self._device = 0
+        self._camera = self._device = 0
+        self._lost = False
+        self._has_clock_features = False
         self._plugged: PluggedCamera | None = None
 
     def interface(self) -> int:
@@ -43,29 +66,49 @@ class Usb3Link:
     def open(self) -> Linked:
         """Find the camera and claim it."""
         interface, seen = self.interface(), plugged()
-        found = choose(self._wanted, listed(self._arv, interface), seen)
+        found = choose(self._options.device, listed(self._arv, interface), seen)
         self._plugged = seen_as(found, seen)
         try:
             self._device = self._arv.interface_open_device(interface, found.key.encode())
         except DeviceError as error:
-            raise DeviceError(
-                f"{found} cannot be opened: {error}. Close any other program that uses it."
-            ) from error
+            advice = (
+                "another program holds it: close that program"
+                if "BUSY" in str(error)
+                else "plug it in again; it may hang on a hub without enough power"
+            )
+            raise DeviceError(f"{found} cannot be opened ({error}): {advice}.") from error
+        if not self._device:
+            raise DeviceError(f"{found} went away while it was being opened.")
         try:
-            handle = self._arv.camera_new_with_device(self._device)
+            self._camera = self._arv.camera_new_with_device(self._device)
         finally:
             self._arv.g_object_unref(self._device)  # the camera keeps it
+        slow = self._plugged.slow() if self._plugged else ""
         return Linked(
-            handle=handle,
+            handle=self._camera,
             vendor=found.vendor,
             model=found.model,
             serial=found.serial,
             address=self._plugged.port if self._plugged else found.key,
+            notes=(f"The camera is {slow}.",) if slow else (),
         )
 
-    def prepare(self) -> Mapping[str, object]:
-        """Return the speed of the port; there is nothing to agree on."""
-        return self._speed()
+    def prepare(self, settings: GenicamSettings) -> Mapping[str, object]:
+        """Choose how the bus is read, and limit what the camera sends."""
+        self._has_clock_features = all(settings.has(name) for name in _CLOCK_FEATURES)
+        if self._arv.camera_is_uv_device(self._camera):
+            self._arv.camera_uv_set_usb_mode(self._camera, library.USB_MODES[self._options.mode])
+        if not self._options.bandwidth_mb_per_s:
+            return self._speed()
+        if not settings.has(_LIMIT):
+            raise InputError(
+                f"Expected usb_bandwidth_mb_per_s to be left unset: this camera has no {_LIMIT}."
+            )
+        if settings.has(_LIMIT_MODE):  # first: while it is off, many cameras lock the limit
+            settings.set_string(_LIMIT_MODE, "On")
+        wanted = round(self._options.bandwidth_mb_per_s * 1e6)
+        granted = settings.set_integer(_LIMIT, wanted, "B/s") / 1e6
+        return {**self._speed(), "usb_bandwidth_mb_per_s": granted}
 
     def prepare_stream(self, stream: int) -> None:
         """Leave the stream as it is: USB loses no packets that could be asked for again."""
@@ -75,24 +118,32 @@ class Usb3Link:
         try:
             self._register(_VERSION)
         except DeviceError as error:
+            self._lost = True
             raise DeviceLost(
                 f"The camera does not answer ({error}). Check cable, power and USB port."
             ) from error
         return True
 
     def is_ours(self) -> bool:
-        """Return True: who has opened the device is the only one who can."""
-        return True
+        """Return whether it has answered so far: who has opened the device is the only one."""
+        return not self._lost
 
     def read_clock(self) -> ClockReading | None:
         """Have the camera note its time, between the asking and the answer."""
-        tick_ns = self._long(_TICK_NS)
-        with timed() as period:
+        command, value = (name.encode() for name in _CLOCK_FEATURES)
+        after_ns = time.monotonic_ns()
+        if self._has_clock_features:
+            self._arv.camera_execute_command(self._camera, command)
+        else:
             self._arv.device_write_register(self._device, _TIMESTAMP_LATCH, 1)
-        ticks = self._long(_TIMESTAMP)
-        if not ticks or not tick_ns:
-            raise DeviceError("The camera has no clock.")
-        return period.reading(ticks * tick_ns)
+        before_ns = time.monotonic_ns()
+        if self._has_clock_features:
+            camera_ns = int(self._arv.camera_get_integer(self._camera, value))
+        else:
+            camera_ns = self._long(_TIMESTAMP)
+        if not camera_ns:
+            raise DeviceError("the camera's clock stands still")
+        return ClockReading(camera_ns=camera_ns, after_ns=after_ns, before_ns=before_ns)
 
     def health(self, stream: int) -> Mapping[str, Any]:
         """Return the speed of the port, and what is wrong with it."""

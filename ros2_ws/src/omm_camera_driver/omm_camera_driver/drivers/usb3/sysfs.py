@@ -41,6 +41,8 @@ class PluggedCamera:
 
     def problem(self) -> str:
         """Return why it cannot be used; empty if it can."""
+        if not self.node.exists():
+            return f"{self.node} is not there (in a container: --device /dev/bus/usb)"
         if not os.access(self.node, os.R_OK | os.W_OK):
             return (
                 f"no right to use {self.node}. Install the rule {UDEV_RULE} (docs/cameras.md), "
