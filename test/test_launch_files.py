@@ -1,5 +1,6 @@
 """The launch files with the real `ros2 launch`; skipped where no ROS installation is sourced."""
 
+import json
 import os
 import shutil
 import signal
@@ -9,6 +10,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from whole_suite import ROOT
+
+from omm_runs.solving import solve_run
 
 pytestmark = pytest.mark.skipif(
     shutil.which("ros2") is None,
@@ -110,12 +114,31 @@ def test_a_killed_launch_leaves_no_node_behind_and_the_recording_is_closed(
     assert (tmp_path / "run" / "run.mcap").is_file()
 
 
+def test_a_stored_result_is_published_until_it_is_ended(tmp_path: Path) -> None:
+    result = tmp_path / "result.json"
+    result.write_text(json.dumps(solve_run(ROOT / "test" / "data" / "bench").result.to_json_dict()))
+    launched = Launched(tmp_path, "result.launch.py", f"result_file:={result}")
+    launched.until("Publishing the pose of bench")
+    os.kill(launched.process.pid, signal.SIGINT)
+    assert launched.ended() == 0, launched.said
+    assert "Traceback" not in launched.said
+
+
+def test_a_file_that_holds_no_result_ends_the_launch_with_status_1(tmp_path: Path) -> None:
+    (tmp_path / "result.json").write_text("{}")
+    launched = Launched(tmp_path, "result.launch.py", f"result_file:={tmp_path / 'result.json'}")
+    assert launched.ended() == 1, launched.said
+    assert "stored_result has ended by itself (status 2)" in launched.said
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         (("demo.launch.py", "sede:=7"), "Did you mean seed?"),
         (("demo.launch.py", "seed:=seven"), "seed: expected a whole number, got 'seven'"),
         (("demo.launch.py", "camera:=v4l2"), "camera: expected one of simulated, gige"),
+        (("result.launch.py",), "result_file"),
+        (("result.launch.py", "result_file:=no.json"), "'no.json'"),
         (("measure.launch.py",), "part_file"),
         (("measure.launch.py", "part_file:=no.yaml", "calibration_file:=no.yaml"), "'no.yaml'"),
     ],
@@ -128,11 +151,11 @@ def test_wrong_arguments_are_refused_in_words(
     assert said in launched.said
 
 
-@pytest.mark.parametrize("file", ["demo.launch.py", "measure.launch.py"])
+@pytest.mark.parametrize("file", ["demo.launch.py", "measure.launch.py", "result.launch.py"])
 def test_every_argument_is_described(tmp_path: Path, file: str) -> None:
     launched = Launched(tmp_path, file, "--show-args")
     assert launched.ended() == 0
     lines = launched.said.splitlines()
     names = [i for i, line in enumerate(lines) if line.strip().endswith("':")]
-    assert len(names) >= 5
+    assert len(names) >= 4
     assert all(lines[i + 1].strip() for i in names)

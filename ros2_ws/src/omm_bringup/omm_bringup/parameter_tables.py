@@ -28,11 +28,12 @@ refused with the range.
 
 def tables() -> str:
     """Return all tables as Markdown."""
-    return "\n".join([_HEAD, *(_table(node, _class(path)) for node, path in NODES.items())])
+    return "\n".join([_HEAD, *(_table(node, parameters_of(node)) for node in NODES)])
 
 
-def _class(path: str) -> type:
-    module, name = path.rsplit(".", 1)
+def parameters_of(node: str) -> type:
+    """Return the dataclass of a node's parameters."""
+    module, name = NODES[node].rsplit(".", 1)
     return getattr(importlib.import_module(module), name)
 
 

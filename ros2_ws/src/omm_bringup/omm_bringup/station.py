@@ -1,4 +1,4 @@
-"""The nodes of a measuring station with real devices, as `measure.launch.py` starts them."""
+"""The nodes of a measuring station with real devices, as the launch files start them."""
 
 from pathlib import Path
 
@@ -43,8 +43,8 @@ def station(
         A file is missing.
     """
     files = _resolved(part_file=part_file, calibration_file=calibration_file)
-    frames = {"frame_prefix": f"{namespace.strip('/')}/"} if namespace else {}
-    machine = {"machine_file": str(Path(machine_file).resolve())} if machine_file else {}
+    frames = _frames(namespace)
+    machine = _machine(machine_file)
     return (
         *((_recorder(files, folder, namespace),) if record else ()),
         NodeSpec(
@@ -71,6 +71,14 @@ def station(
             parameter_file=parameter_file("control", control, CONTROLS),
         ),
     )
+
+
+def _frames(namespace: str) -> dict[str, str]:
+    return {"frame_prefix": f"{namespace.strip('/')}/"} if namespace else {}
+
+
+def _machine(machine_file: str) -> dict[str, str]:
+    return _resolved(machine_file=machine_file) if machine_file else {}
 
 
 def _resolved(**paths: str) -> dict[str, str]:
@@ -106,8 +114,7 @@ def page(where: str, *, machine_file: str = "", namespace: str = "") -> NodeSpec
     """
     of_port = where.isascii() and where.isdigit()
     parameters: dict[str, str | int] = {"port": int(where)} if of_port else {}
-    if machine_file:
-        parameters["machine_file"] = str(Path(machine_file).resolve())
+    parameters |= _machine(machine_file)
     return NodeSpec(
         package="omm_operator",
         executable="operator_node",
@@ -115,6 +122,59 @@ def page(where: str, *, machine_file: str = "", namespace: str = "") -> NodeSpec
         namespace=namespace,
         parameters=parameters,
         parameter_file=None if of_port else _own_file("page", where, "a port"),
+    )
+
+
+def overlay(namespace: str = "") -> NodeSpec:
+    """Make the node that publishes images with what was found in them."""
+    return NodeSpec(
+        package="omm_operator", executable="overlay_node", name="overlay", namespace=namespace
+    )
+
+
+def scene(
+    *, part_file: str, calibration_file: str = "", machine_file: str = "", namespace: str = ""
+) -> NodeSpec:
+    """Make the node that shows part, camera and machine in RViz and Foxglove.
+
+    Raises
+    ------
+    InputError
+        A file is missing.
+    """
+    camera = _resolved(calibration_file=calibration_file) if calibration_file else {}
+    return NodeSpec(
+        package="omm_operator",
+        executable="scene_node",
+        name="scene",
+        namespace=namespace,
+        parameters={
+            **_resolved(part_file=part_file),
+            **camera,
+            **_machine(machine_file),
+            **_frames(namespace),
+        },
+    )
+
+
+def stored_result(result_file: str, *, publish_tf: bool = True, namespace: str = "") -> NodeSpec:
+    """Make the node that publishes a result of `./omm solve --json`, for `result.launch.py`.
+
+    Raises
+    ------
+    InputError
+        The file is missing.
+    """
+    return NodeSpec(
+        package="omm_estimator",
+        executable="stored_result_node",
+        name="stored_result",
+        namespace=namespace,
+        parameters={
+            **_resolved(result_file=result_file),
+            "publish_tf": publish_tf,
+            **_frames(namespace),
+        },
     )
 
 

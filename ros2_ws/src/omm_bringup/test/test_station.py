@@ -1,5 +1,6 @@
 """What measure.launch.py starts: every parameter file fits its node, in any namespace."""
 
+import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,7 +13,8 @@ import rclpy
 from rclpy.node import Node
 
 from omm_bringup.launch_arguments import check_names
-from omm_bringup.station import CAMERAS, CONTROLS, station
+from omm_bringup.parameter_tables import parameters_of
+from omm_bringup.station import CAMERAS, CONTROLS, overlay, page, scene, station, stored_result
 from omm_camera_driver.parameters import Parameters as CameraParameters
 from omm_cnc_bridge.parameters import Parameters as BridgeParameters
 from omm_core.errors import InputError
@@ -70,6 +72,34 @@ def test_a_namespace_reaches_every_node_and_its_frames(files: dict[str, str]) ->
     assert set(prefixes.values()) == {"mill1/"}
 
 
+def test_a_namespace_reaches_what_shows_and_what_is_published_again(
+    files: dict[str, str],
+) -> None:
+    result = stored_result(files["part_file"], publish_tf=False, namespace="/mill1")
+    specs = (scene(**files, namespace="/mill1"), result)
+    assert overlay("/mill1").namespace == "/mill1"
+    assert {spec.namespace for spec in specs} == {"/mill1"}
+    assert {spec.parameters["frame_prefix"] for spec in specs} == {"mill1/"}
+    assert result.parameters["publish_tf"] is False
+
+
+@pytest.mark.parametrize("kind", ["overlay", "scene", "stored_result", "operator"])
+def test_what_stands_beside_a_station_is_started_with_parameters_that_it_has(
+    kind: str, files: dict[str, str], tmp_path: Path
+) -> None:
+    machine = tmp_path / "mill.urdf"
+    machine.write_text("there\n")
+    spec = {
+        "overlay": lambda: overlay("/mill1"),
+        "scene": lambda: scene(**files, machine_file=str(machine), namespace="/mill1"),
+        "stored_result": lambda: stored_result(files["part_file"], namespace="/mill1"),
+        "operator": lambda: page("8765", machine_file=str(machine), namespace="/mill1"),
+    }[kind]()
+    assert spec.name == kind
+    known = {f.name for f in dataclasses.fields(parameters_of(kind))}
+    assert set(spec.parameters) <= known
+
+
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
@@ -77,6 +107,7 @@ def test_a_namespace_reaches_every_node_and_its_frames(files: dict[str, str]) ->
         ({"control": "fanuc"}, "control: expected one of linuxcnc"),
         ({"part_file": ""}, "part_file: expected a file"),
         ({"calibration_file": "nowhere.yaml"}, "calibration_file: expected a file"),
+        ({"machine_file": "nowhere.urdf"}, "machine_file: expected a file"),
     ],
 )
 def test_what_is_missing_is_told_before_anything_starts(

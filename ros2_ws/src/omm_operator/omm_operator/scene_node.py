@@ -20,8 +20,9 @@ from omm_core.machine.urdf import Robot, load_urdf
 from omm_operator.conversions import estimate_fact
 from omm_operator.scene import camera_view, link_frames, part_markers
 from omm_ros import qos, topics
+from omm_ros.frames import prefixed
 from omm_ros.node_main import run_node
-from omm_ros.parameters import declare, parameter
+from omm_ros.parameters import declare, network_parameter, parameter
 from omm_ros.published import CountingNode
 
 
@@ -44,6 +45,8 @@ class Parameters:
         "spindle", "Link whose frame the bridge tells; the others are told here, from the root."
     )
     camera_frame: str = parameter("camera_optical", "Frame of the camera.")
+    frame_prefix: str = parameter("", "Prefix of every frame's name, for several machines: mill1/.")
+    network: bool = network_parameter()
 
 
 class SceneNode(CountingNode):
@@ -66,7 +69,9 @@ class SceneNode(CountingNode):
         self._joints = self.create_publisher(JointState, topics.JOINT_STATES, qos.STATE)
         if p.calibration_file:
             view = camera_view(
-                load_calibration(p.calibration_file), p.camera_frame, p.view_depth_m * 1e3
+                load_calibration(p.calibration_file),
+                p.frame_prefix + p.camera_frame,
+                p.view_depth_m * 1e3,
             )
             self._view = self.create_publisher(MarkerArray, topics.CAMERA_VIEW, qos.LATCHED)
             self._view.publish(view)
@@ -84,8 +89,8 @@ class SceneNode(CountingNode):
             part_markers(
                 estimate_fact(message),
                 self._part,
-                part_frame=self._p.part_frame,
-                machine_frame=self._p.machine_frame,
+                part_frame=self._p.frame_prefix + self._p.part_frame,
+                machine_frame=self._p.frame_prefix + self._p.machine_frame,
                 enlargement=self._p.enlargement,
             )
         )
@@ -98,7 +103,8 @@ class SceneNode(CountingNode):
             positions = dict(zip(message.axis_names, message.axis_positions))
             frames = link_frames(self._robot, positions, message.header.stamp, self._p.tip)
             if frames:
-                self._frames.publish(TFMessage(transforms=frames))
+                prefix = self._p.frame_prefix
+                self._frames.publish(TFMessage(transforms=[prefixed(f, prefix) for f in frames]))
 
 
 def main(args: list[str] | None = None) -> int:
