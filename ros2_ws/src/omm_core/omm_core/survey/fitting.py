@@ -19,11 +19,13 @@ from omm_core.adjustment import (
     Block,
     Group,
     Problem,
+    Solution,
     rigid_directions,
     similarity_directions,
     solve,
 )
 from omm_core.adjustment import test_observations as w_tests
+from omm_core.adjustment.statistics import predicted_covariance
 from omm_core.survey.bar_block import bar_block
 from omm_core.survey.camera_model import PARAMETERS, evaluate_rays, turn_and_shift
 from omm_core.survey.circles import circles_of, eccentricities
@@ -152,7 +154,7 @@ class Fitting:
                 values = dict(solution.values)
                 tests = w_tests(problem, solution)["rays"]
                 out = self._reject(tests.t2)
-                out |= last and self._bring_back(solution.residuals["rays"], tests.redundancy)
+                out |= last and self._bring_back(problem.blocks[0], solution)
                 change = self._learn(solution.residuals["rays"], tests.redundancy)
                 if not out and change < 0.02 and (not last or turn >= 1):
                     break
@@ -217,11 +219,15 @@ class Fitting:
             if self._can_spare(ray):
                 self.used[ray] = False
 
-    def _bring_back(self, residuals: Array, redundancy: Array) -> bool:
-        """Take rays again that fit what the others say of them; True if there was one."""
-        now = self.noise.covariance(self.detector, self.kinds)
-        variance = np.einsum("mii->mi", now) * (2.0 - redundancy)  # its own and the prediction's
-        fits = (residuals**2 / variance).sum(axis=1) < _BACK * self.rejection
+    def _bring_back(self, rays: Block, solution: Solution) -> bool:
+        """Take rays again that fit what the others say of them; True if there was one.
+
+        What few others say of a ray is uncertain: it counts with the ray's own noise.
+        """
+        known = predicted_covariance(rays, solution.derivatives[rays.name], solution)
+        both = np.linalg.inv(known + self.noise.covariance(self.detector, self.kinds))
+        off = solution.residuals[rays.name]
+        fits = np.einsum("mi,mij,mj->m", off, both, off) < _BACK * self.rejection
         back = ~self.used & ~self.returned & fits
         self.used |= back
         self.returned |= back
