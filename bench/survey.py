@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from omm_core.survey.camera_model import evaluate_rays
+from omm_core.survey.cameras import Cameras
 from omm_core.survey.datum import free_frame
 from omm_core.survey.fitting import Fitting, adjusted
 from omm_core.survey.network import STAGES, Network, NetworkState
@@ -57,7 +58,8 @@ def network(
             Bar(ends=(a + 1, b + 1), length_mm=length + rng.normal(0, 0.005), sigma_mm=0.005)
         )
     state = NetworkState(
-        lens=LENS + np.r_[3.0, 1.0, 1.0, np.zeros(7)],
+        lenses=(LENS + np.r_[3.0, 1.0, 1.0, np.zeros(7)])[None],
+        cameras=Cameras(focal_px=(LENS[0],)),
         photos={i: p + rng.normal(size=6) * np.repeat([1e-3, 1.0], 3) for i, p in enumerate(poses)},
         points={i + 1: p + rng.normal(0, 1, 3) for i, p in enumerate(places)},
     )
@@ -101,7 +103,7 @@ def speed(photos: int, points: int) -> None:
 
     fitting = Fitting(state, tuple(sightings), bars, MIDDLE, 36.0)
     values = {
-        "lens": state.lens[None],
+        "lens": state.lenses,
         "photos": np.array(list(state.photos.values())),
         "points": np.array(list(state.points.values())),
         "zooms": np.zeros((photos, 1)),

@@ -169,7 +169,7 @@ def test_numbers_swapped_in_three_photographs_are_named_and_harm_no_other() -> N
     sigma = np.sqrt(np.diag(clean.solution.covariance_of("points"))).reshape(-1, 3)
     others = np.delete(distances(network, clean) / sigma, (7, 9), axis=0)  # these have fewer rays
     assert (others < 0.5).all()
-    told = findings_of(network, lambda n: f"photo {n}", 3010.0)
+    told = findings_of(network, lambda n: f"photo {n}", [3010.0])
     assert any("photo 1" in words and "7" in words and "swapped" in words for words in told)
 
 

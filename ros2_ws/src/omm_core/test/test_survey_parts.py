@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from omm_core.adjustment import rigid_directions
 from omm_core.errors import MeasurementError
+from omm_core.survey.camera_model import evaluate_rays
 from omm_core.survey.circles import circles_of, eccentricities
 from omm_core.survey.datum import frame_of_nominal, frame_of_three, free_frame
 from omm_core.survey.noise import RayNoise, estimated
@@ -107,11 +108,14 @@ def test_normal_and_diameter_come_out_of_ellipses_and_tell_the_shift_of_the_cent
         )
         for i in range(4)
     )
-    circle = circles_of(values, sightings, photo, point, np.ones(4, dtype=bool), np.zeros(2), {})[0]
+    slopes = evaluate_rays(values, photo, point, np.zeros(2))[1]["points"]
+    used = np.ones(4, dtype=bool)
+    circle = circles_of(values, sightings, photo, point, used, slopes, {})[0]
+    lens = values["lens"][0]
     assert circle.normal == pytest.approx(normal, abs=0.01)
     assert circle.diameter_mm == pytest.approx(12.0, rel=2e-3)
-    shift = eccentricities(values, photo, point, circle.normal[None], np.array([12.0]))
-    straight = eccentricities(values, photo, point, normal[None], np.array([12.0]))
+    shift = eccentricities(values, lens, photo, point, circle.normal[None], np.array([12.0]))
+    straight = eccentricities(values, lens, photo, point, normal[None], np.array([12.0]))
     assert np.abs(straight).max() > 0.02
     assert shift == pytest.approx(straight, abs=0.05 * np.abs(straight).max())
 

@@ -50,8 +50,9 @@ def survey_document(result: dict[str, Any], source: str) -> bytes:
         document.figure(per_photo_figure(result))
     document.heading("Rays of each target")
     document.figure(rays_figure(result), width_mm=120.0)
-    document.heading("Camera")
-    document.table(_camera_rows(result))
+    for camera in result.get("cameras") or [{"name": "", **result["camera"]}]:
+        document.heading(f"Camera {camera['name']}".strip())
+        document.table(_camera_rows(camera))
     document.heading("Coordinates")
     document.table(_point_rows(result["points"]), widths=(10, 16, 16, 16, 11, 11, 11, 9))
     document.heading("Photographs")
@@ -208,8 +209,7 @@ def _bar_rows(result: dict[str, Any]) -> list[list[str]]:
     return rows
 
 
-def _camera_rows(result: dict[str, Any]) -> list[list[str]]:
-    camera = result["camera"]
+def _camera_rows(camera: dict[str, Any]) -> list[list[str]]:
     sigmas = np.sqrt(np.maximum(np.diag(camera["covariance"]), 0.0))
     rows = [["parameter", "value", "σ"]]
     for name, value, sigma in zip(camera["parameters"], camera["values"], sigmas, strict=True):

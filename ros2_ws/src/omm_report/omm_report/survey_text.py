@@ -31,6 +31,7 @@ def survey_text(result: dict[str, Any]) -> str:
             + ", ".join(f"{s:.4f}" for s in middle)
             + f" mm; largest {sigma[worst].max():.4f} mm at {points[worst]['name']}"
         )
+    lines += [_camera_line(camera, result["sigma0_by"]) for camera in result.get("cameras", ())]
     for kind in ("scale_bars", "check_bars"):
         for bar in result[kind]:
             off = bar["measured_mm"] - bar["length_mm"]
@@ -39,3 +40,16 @@ def survey_text(result: dict[str, Any]) -> str:
                 f" {off:+.4f} against its length (sigma {bar['sigma_mm']:.4f})"
             )
     return "\n".join(lines + result["findings"])
+
+
+def _camera_line(camera: dict[str, Any], sigma0_by: dict[str, float]) -> str:
+    sigma = float(np.sqrt(max(camera["covariance"][0][0], 0.0)))
+    noise = ", ".join(
+        f"{kind.removesuffix(', ' + camera['name'])} {sigma0:.3f}"
+        for kind, sigma0 in sigma0_by.items()
+        if kind.endswith(f", {camera['name']}")
+    )
+    return (
+        f"{camera['name']}: {camera['photos']} photographs, f {camera['values'][0]:.2f} px (sigma"
+        f" {sigma:.2f}); times what was expected: {noise}"
+    )

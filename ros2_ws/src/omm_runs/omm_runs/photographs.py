@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,7 @@ _FOCAL_LENGTH, _AS_35MM, _EXIF_WIDTH = 37386, 41989, 40962  # EXIF 2.3
 _PLANE_RESOLUTION, _PLANE_UNIT = 41486, 41488
 _CAMERA_TAGS = (272, 42033, 42036)  # model, number of the body, lens
 _DIAGONAL_35MM = 43.267
-_SAME_FOCAL = 1.02  # ratio of what EXIF tells of one setting: makers round it
+SAME_FOCAL = 1.02  # ratio of what EXIF tells of one setting: makers round it
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,6 +42,14 @@ class Seen:
     twice: tuple[int, ...] = ()
     dots: tuple[PlainDot, ...] = ()
     problem: str | None = None
+
+    def moved(self, shift_px: Array) -> Seen:
+        """Return what would be seen if the picture had a margin; nothing else changes."""
+        if not shift_px.any():
+            return self
+        targets = tuple(replace(t, center_px=t.center_px + shift_px) for t in self.targets)
+        dots = tuple(replace(d, center_px=d.center_px + shift_px) for d in self.dots)
+        return replace(self, targets=targets, dots=dots)
 
 
 def look_at_all(photos: tuple[Path, ...], family: str) -> list[Seen]:
@@ -104,14 +112,20 @@ def focal_length_px(photos: tuple[Path, ...], size_px: tuple[int, int]) -> float
         )
     values = sorted(known.values())
     usual = values[len(values) // 2]
-    if values[-1] > _SAME_FOCAL * values[0]:
-        others = [name for name, f in known.items() if abs(f / usual - 1.0) > _SAME_FOCAL - 1.0]
+    if values[-1] > SAME_FOCAL * values[0]:
+        others = [name for name, f in known.items() if abs(f / usual - 1.0) > SAME_FOCAL - 1.0]
         raise InputError(
             f"The photographs' EXIF gives focal lengths from {values[0]:.0f} to {values[-1]:.0f}"
-            " pixels: one survey takes one camera with one setting. Leave out (leave_out in"
+            " pixels: one camera has one setting. Leave out (leave_out in"
             f" survey.yaml) those that differ: {', '.join((others or list(known))[:10])}."
         )
     return usual
+
+
+def focal_told(photo: Path) -> float | None:
+    """Return the focal length that a photograph's EXIF tells, mm (else that of a 35 mm camera)."""
+    told = _exif(photo)
+    return _positive(told.get(_FOCAL_LENGTH)) or _positive(told.get(_AS_35MM))
 
 
 def taken_with(photo: Path) -> tuple[str, ...]:

@@ -1,14 +1,15 @@
-"""Which photographs of a survey take part, and why others do not: one camera, each picture once."""
+"""Which photographs of a survey take part, and why others do not: each picture once."""
 
 from __future__ import annotations
 
-from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 
 from omm_core.errors import MeasurementError
 from omm_core.files.survey import SurveySet
-from omm_runs.photographs import Seen, taken_with
+from omm_runs.photographs import Seen, focal_length_px
+from omm_runs.survey_cameras import FEWEST_OF_CAMERA, Group, groups_of
 
 FEWEST_PHOTOS = 3
 
@@ -16,13 +17,13 @@ _SAME_PX, _FEWEST_SAME = 0.1, 4  # of the targets in two photographs: median dis
 _SHARE_SAME = 0.8  # of the targets of either
 
 
-def photos_left_out(given: SurveySet, seen: list[Seen], size_px: tuple[int, int]) -> dict[int, str]:
-    """Return why photographs do not take part, by number.
+def photos_by_camera(given: SurveySet, seen: list[Seen]) -> tuple[list[Group], dict[int, str]]:
+    """Return the cameras with the photographs that take part, and why others do not, by number.
 
     Raises
     ------
-    MeasurementError
-        Where too few are left.
+    InputError, MeasurementError
+        Where no focal length is told, or too few are left.
     """
     reasons: dict[int, str] = {}
     for number, (photo, found) in enumerate(zip(given.photos, seen, strict=True)):
@@ -30,19 +31,51 @@ def photos_left_out(given: SurveySet, seen: list[Seen], size_px: tuple[int, int]
             reasons[number] = "survey.yaml says so (leave_out)"
         elif found.problem is not None:
             reasons[number] = found.problem
-        elif found.size_px != size_px:
-            reasons[number] = _other_size(found.size_px, size_px)
-        elif not found.targets:
-            reasons[number] = f"no coded target of {given.target_family} was read in it"
-    reasons |= _other_camera(given, [n for n in range(len(seen)) if n not in reasons])
+    groups = groups_of(given, seen, [n for n in range(len(seen)) if n not in reasons])
+    for group in groups:
+        for number in group.photos:
+            if seen[number].size_px != group.size_px:
+                reasons[number] = _other_size(seen[number].size_px, group.size_px)
+            elif not seen[number].targets:
+                reasons[number] = f"no coded target of {given.target_family} was read in it"
     reasons |= _copies(given, seen, [n for n in range(len(seen)) if n not in reasons])
-    left = len(seen) - len(reasons)
-    if left < FEWEST_PHOTOS:
+    groups = [left for group in groups if (left := _without(group, reasons)).photos]
+    groups.sort(key=lambda group: -len(group.photos))
+    for group in groups[1:]:
+        reasons |= _not_usable(group, groups[0])
+    groups = [left for group in groups if (left := _without(group, reasons)).photos]
+    count = len(seen) - len(reasons)
+    if count < FEWEST_PHOTOS:
         told = "; ".join(f"{given.photos[n].name}: {why}" for n, why in list(reasons.items())[:5])
         raise MeasurementError(
-            f"Expected {FEWEST_PHOTOS} photographs or more with coded targets, got {left}. {told}."
+            f"Expected {FEWEST_PHOTOS} photographs or more with coded targets, got {count}. {told}."
         )
-    return reasons
+    if groups[0].focal_px is None:
+        first = groups[0]
+        told_px = focal_length_px(tuple(given.photos[n] for n in first.photos), first.size_px)
+        groups[0] = replace(first, focal_px=told_px)
+    return groups, reasons
+
+
+def _without(group: Group, reasons: dict[int, str]) -> Group:
+    return replace(group, photos=tuple(n for n in group.photos if n not in reasons))
+
+
+def _not_usable(group: Group, first: Group) -> dict[int, str]:
+    """Return the photographs of a camera that cannot be calibrated beside the first."""
+    many = len(group.photos)
+    if many >= FEWEST_OF_CAMERA and group.focal_px is not None:
+        return {}
+    if many < FEWEST_OF_CAMERA and group.size_px != first.size_px:
+        return dict.fromkeys(group.photos, _other_size(group.size_px, first.size_px))
+    why = "no focal length is told for it: give it under 'cameras' in survey.yaml"
+    if many < FEWEST_OF_CAMERA:
+        why = f"{many} cannot calibrate it: take {FEWEST_OF_CAMERA} with it, or none"
+    return {
+        n: f"it was taken with another camera, lens or focal length ({group.name}; most with"
+        f" {first.name}), and {why}"
+        for n in group.photos
+    }
 
 
 def doubled_numbers(seen: dict[str, Seen]) -> tuple[set[int], list[str]]:
@@ -80,25 +113,6 @@ def _other_size(size: tuple[int, int], usual: tuple[int, int]) -> str:
     if size == usual[::-1]:
         return words + ": a program turned its pixels; give the file as the camera wrote it"
     return words + ": it was cut, made smaller, or taken by another camera"
-
-
-def _other_camera(given: SurveySet, numbers: list[int]) -> dict[int, str]:
-    """Return the photographs whose EXIF names another camera or lens than that of most."""
-    told = {n: taken_with(given.photos[n]) for n in numbers}
-    known = [camera for camera in told.values() if any(camera)]
-    if len(set(known)) < 2:
-        return {}
-    usual = Counter(known).most_common(1)[0][0]
-    return {
-        n: f"it was taken with another camera or lens ({_name(camera)}; most with {_name(usual)}),"
-        " and one survey takes one: survey its photographs as a set of their own"
-        for n, camera in told.items()
-        if any(a and b and a != b for a, b in zip(camera, usual, strict=True))
-    }
-
-
-def _name(camera: tuple[str, ...]) -> str:
-    return ", ".join(word for word in camera if word)
 
 
 def _copies(given: SurveySet, seen: list[Seen], numbers: list[int]) -> dict[int, str]:

@@ -23,6 +23,7 @@ from omm_core.survey.datum import Frame, frame_of_nominal, frame_of_three, free_
 from omm_core.survey.network import FEWEST_RAYS
 from omm_core.survey.sighting import CODED, PLAIN
 from omm_core.survey.words import findings_of, name_of, photo_reasons
+from omm_runs.survey_cameras import Group, shifts_px
 
 Array = NDArray[np.float64]
 
@@ -105,13 +106,13 @@ def as_json(
     network: Network,
     out: Delivered,
     left_out: Mapping[int, str],
-    focal_px: float,
+    groups: list[Group],
     words: list[str],
 ) -> dict[str, Any]:
     """Return the result in the form of ``survey --json``."""
     names = [photo.name for photo in given.photos]
     reasons = photo_reasons(len(names), network, left_out)
-    findings = [*words, *out.words, *findings_of(network, lambda n: names[n], focal_px)]
+    findings = [*words, *out.words, *findings_of(network, lambda n: names[n], _nominal(groups))]
     findings += where_to_stand(network, out.frame)
     findings += [f"{names[n]} is left out: {why}." for n, why in sorted(reasons.items())]
     solution = network.solution
@@ -121,26 +122,52 @@ def as_json(
         "sigma0_by": network.sigma0_by,
         "rms_px": network.rms_px,
         "degrees_of_freedom": solution.degrees_of_freedom,
-        "camera": {
-            "parameters": list(PARAMETERS),
-            "values": solution.values["lens"][0].tolist(),
-            "covariance": solution.covariance_of("lens").tolist(),
-        },
+        "camera": _camera(network, 0),
+        **_several(network),
         "points": _points(network, out),
         "photos": [_photo(n, name, network, out, reasons) for n, name in enumerate(names)],
         "scale_bars": _measured(network, given.scale_bars, "scale bar", findings),
         "check_bars": _measured(network, given.check_bars, "check bar", findings),
         "findings": findings,
-        "observations": _observations(network, names),
+        "observations": _observations(network, names, shifts_px(groups)),
     }
 
 
-def _observations(network: Network, names: list[str]) -> list[dict[str, Any]]:
+def _camera(network: Network, row: int) -> dict[str, Any]:
+    own = slice(row * len(PARAMETERS), (row + 1) * len(PARAMETERS))
+    return {
+        "parameters": list(PARAMETERS),
+        "values": network.solution.values["lens"][row].tolist(),
+        "covariance": network.solution.covariance_of("lens")[own, own].tolist(),
+    }
+
+
+def _several(network: Network) -> dict[str, Any]:
+    """Return all cameras, by name and photographs, where there are more than one."""
+    if len(network.cameras) == 1:
+        return {}
+    counts = np.bincount(network.cameras.rows(network.photos), minlength=len(network.cameras))
+    return {
+        "cameras": [
+            {"name": name, "photos": int(counts[row]), **_camera(network, row)}
+            for row, name in enumerate(network.cameras.names)
+        ]
+    }
+
+
+def _nominal(groups: list[Group]) -> list[float]:
+    return [float(group.focal_px or np.nan) for group in groups]
+
+
+def _observations(
+    network: Network, names: list[str], shifts: Mapping[int, Array]
+) -> list[dict[str, Any]]:
     residuals = network.solution.residuals["rays"]
+    seen = [(s.center_px - shifts[s.photo]).tolist() for s in network.sightings]
     return [
         {
-            "file": names[s.photo], "name": name_of(s.point), "col_px": float(s.center_px[0]),
-            "row_px": float(s.center_px[1]), "residual_px": residuals[i].tolist(),
+            "file": names[s.photo], "name": name_of(s.point), "col_px": seen[i][0],
+            "row_px": seen[i][1], "residual_px": residuals[i].tolist(),
             "used": bool(network.used[i]),
         }
         for i, s in enumerate(network.sightings)
@@ -172,12 +199,15 @@ def _photo(
             "file": name, "used": False, "reason": reasons[number], "position_mm": None,
             "euler_xyz_rad": None,
         }  # fmt: skip
+    camera = network.cameras.names[network.cameras.row(number)]
+    told = {"camera": camera} if len(network.cameras) > 1 else {}
     pose = network.pose(number)
     turned = out.frame.turn @ Rotation.from_rotvec(pose[:3]).as_matrix().T
     euler = [float(angle) for angle in euler_xyz_rad_from_rotation(turned)]
     place = out.frame.moved(pose[None, 3:])[0].tolist()
     return {
         "file": name, "used": True, "reason": None, "position_mm": place, "euler_xyz_rad": euler,
+        **told,
     }  # fmt: skip
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from pathlib import Path
 
 from omm_core.errors import InputError, MeasurementError
@@ -10,8 +9,9 @@ from omm_core.files.survey import SurveySet, load_survey
 from omm_core.survey import Bar, solve_network
 from omm_core.survey.sighting import CODED, PLAIN, sighting_of_target
 from omm_core.targets import TargetFamily
-from omm_runs.photographs import focal_length_px, look_at_all
-from omm_runs.survey_photos import FEWEST_PHOTOS, doubled_numbers, photos_left_out
+from omm_runs.photographs import look_at_all
+from omm_runs.survey_cameras import cameras_of, shifts_px
+from omm_runs.survey_photos import FEWEST_PHOTOS, doubled_numbers, photos_by_camera
 from omm_runs.survey_result import SurveyResult, as_json, delivered
 
 
@@ -35,11 +35,9 @@ def survey(path: Path) -> SurveyResult:
             " alone do not tell how large things are."
         )
     seen = look_at_all(given.photos, given.target_family)
-    readable = [s.size_px for s in seen if s.problem is None] or [(1, 1)]
-    size = given.size_px or Counter(readable).most_common(1)[0][0]
-    left_out = photos_left_out(given, seen, size)
-    taken = {n: s for n, s in enumerate(seen) if n not in left_out}
-    focal = given.focal_length_px or focal_length_px(tuple(given.photos[n] for n in taken), size)
+    groups, left_out = photos_by_camera(given, seen)
+    cameras, shifts = cameras_of(groups), shifts_px(groups)
+    taken = {n: s.moved(shifts[n]) for n, s in enumerate(seen) if n not in left_out}
     doubled, words = doubled_numbers({given.photos[n].name: s for n, s in taken.items()})
     network = solve_network(
         [
@@ -49,13 +47,13 @@ def survey(path: Path) -> SurveyResult:
             if target.id not in doubled
         ],
         [Bar(ends=b.ends, length_mm=b.length_mm, sigma_mm=b.sigma_mm) for b in given.scale_bars],
-        focal,
-        size,
+        cameras,
+        groups[0].size_px,
         {n: s.dots for n, s in taken.items()},
         _diameters(given),
     )
     out = delivered(network, given.datum)
-    json = as_json(given, network, out, left_out, focal, words)
+    json = as_json(given, network, out, left_out, groups, words)
     return SurveyResult(given=given, network=network, delivered=out, json=json)
 
 

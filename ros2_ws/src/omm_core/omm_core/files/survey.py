@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.errors import InputError
-from omm_core.files.declared import integer, number, read_optional, read_section, text, values
+from omm_core.files.declared import integer, number, read_section, text, values
 from omm_core.files.yaml_input import YamlSection, read_yaml
 
 PHOTO_SUFFIXES = (".jpg", ".jpeg", ".tif", ".tiff", ".png")
 _KEYS = (
-    "camera", "photos", "leave_out", "target_family", "coded_dot_diameter_mm",
+    "camera", "cameras", "photos", "leave_out", "target_family", "coded_dot_diameter_mm",
     "plain_dot_diameter_mm", "scale_bars", "check_bars", "datum",
 )  # fmt: skip
 
@@ -27,6 +27,16 @@ class _Camera:
     height_px: Annotated[int | None, integer(minimum=1)] = None
     pixel_size_mm: Annotated[float | None, number(above=0.0)] = None
     focal_length_mm: Annotated[float | None, number(above=0.0)] = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DeclaredCamera:
+    """A camera, and the photographs that were taken with it; None: see the photographs."""
+
+    name: str | None
+    size_px: tuple[int, int] | None
+    focal_length_px: float | None
+    photos: tuple[Path, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,11 +77,15 @@ class DeclaredDatum:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SurveySet:
-    """What a survey.yaml says; paths are complete. None: to be taken from the photographs."""
+    """What a survey.yaml says; paths are complete. None: to be taken from the photographs.
+
+    Name, size and focal length are those of the camera, unless ``cameras`` tells of several.
+    """
 
     camera_name: str | None
     size_px: tuple[int, int] | None
     focal_length_px: float | None
+    cameras: tuple[DeclaredCamera, ...]
     photos: tuple[Path, ...]
     left_out: tuple[Path, ...]
     target_family: str
@@ -96,11 +110,13 @@ def load_survey(path: Path) -> SurveySet:
     root = read_yaml(file, "survey file")
     root.check_keys(*_KEYS)
     name, size, focal = _camera(root)
-    photos, left_out = _photos(root, file.parent)
+    cameras = _cameras(root, file.parent)
+    photos, left_out = _photos(root, file.parent, cameras)
     return SurveySet(
         camera_name=name,
         size_px=size,
         focal_length_px=focal,
+        cameras=cameras,
         photos=photos,
         left_out=left_out,
         target_family=root.text("target_family"),
@@ -137,8 +153,13 @@ def _how_to_write(folder: Path) -> str:
 
 def _camera(root: YamlSection) -> tuple[str | None, tuple[int, int] | None, float | None]:
     """Return name, size and focal length in pixels, as far as they are given."""
-    camera = read_optional(_Camera, root, "camera") or _Camera()
-    section = root.section("camera") if "camera" in root else root
+    if "camera" not in root:
+        return None, None, None
+    return _camera_of(root.section("camera"))
+
+
+def _camera_of(section: YamlSection) -> tuple[str | None, tuple[int, int] | None, float | None]:
+    camera = read_section(_Camera, section)
     size = _both(section, "width_px", "height_px", camera)
     focal = _both(section, "focal_length_mm", "pixel_size_mm", camera)
     return (
@@ -146,6 +167,29 @@ def _camera(root: YamlSection) -> tuple[str | None, tuple[int, int] | None, floa
         None if size is None else (int(size[0]), int(size[1])),
         None if focal is None else focal[0] / focal[1],
     )
+
+
+def _cameras(root: YamlSection, folder: Path) -> tuple[DeclaredCamera, ...]:
+    """Return the cameras of ``cameras``, each with its photographs."""
+    if "cameras" in root and ("camera" in root or "photos" in root):
+        raise InputError(
+            f"{root.where}: expected either 'cameras', each with its photos, or one 'camera' and"
+            " 'photos', got both."
+        )
+    found = []
+    taken: set[Path] = set()
+    for section in root.sections("cameras"):
+        photos = _matching(section, "photos", folder)
+        twice = [photo.name for photo in photos if photo in taken]
+        if twice:
+            raise InputError(f"{section.where}: {twice[0]} is another camera's, too.")
+        taken |= set(photos)
+        bare = {key: value for key, value in section.values.items() if key != "photos"}
+        name, size, focal = _camera_of(YamlSection(bare, section.where))
+        found.append(
+            DeclaredCamera(name=name, size_px=size, focal_length_px=focal, photos=tuple(photos))
+        )
+    return tuple(found)
 
 
 def _both(
@@ -162,9 +206,13 @@ def _optional(root: YamlSection, key: str) -> float | None:
     return root.number(key, above=0.0) if key in root else None
 
 
-def _photos(root: YamlSection, folder: Path) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
+def _photos(
+    root: YamlSection, folder: Path, cameras: tuple[DeclaredCamera, ...]
+) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
     """Return the photographs, and those among them that are to be left out."""
-    found = _matching(root, "photos", folder)
+    found = [photo for camera in cameras for photo in camera.photos]
+    if not cameras:
+        found = _matching(root, "photos", folder)
     out = _matching(root, "leave_out", folder) if "leave_out" in root else []
     return tuple(found), tuple(photo for photo in out if photo in found)
 

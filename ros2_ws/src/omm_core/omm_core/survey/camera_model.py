@@ -18,21 +18,33 @@ PARAMETERS = (
 
 
 def project(values: Values, photo: Index, point: Index, middle_px: Array) -> tuple[Array, Array]:
-    """Return pixels (M, 2) and points in the camera (M, 3), of rays photo -> point."""
+    """Return pixels (M, 2) and points in the camera (M, 3), of rays photo -> point; one lens."""
     rotations = Rotation.from_rotvec(values["photos"][:, :3]).as_matrix()
     offset = values["points"][point] - values["photos"][photo, 3:]
     inside = np.einsum("mij,mj->mi", rotations[photo], offset)
     return _lens(values["lens"][0], inside)[0] + middle_px, inside
 
 
+def lens_rows(lenses: Array, camera: Index | None) -> Array:
+    """Return the lens (10,) where there is one, else that of each ray, (M, 10)."""
+    return lenses[0] if camera is None or len(lenses) == 1 else lenses[camera]
+
+
 def evaluate_rays(
-    values: Values, photo: NDArray[np.intp], point: NDArray[np.intp], middle_px: Array
+    values: Values,
+    photo: NDArray[np.intp],
+    point: NDArray[np.intp],
+    middle_px: Array,
+    camera: Index | None = None,
 ) -> tuple[Array, dict[str, Array]]:
-    """Return pixels (M, 2) and their derivatives by lens, photo (turn, place) and point."""
+    """Return pixels (M, 2) and their derivatives by lens, photo (turn, place) and point.
+
+    ``camera`` (M,) is the row of each ray's lens; the first where not given.
+    """
     rotations = Rotation.from_rotvec(values["photos"][:, :3]).as_matrix()[photo]
     offset = values["points"][point] - values["photos"][photo, 3:]
     inside = np.einsum("mij,mj->mi", rotations, offset)
-    pixels, by_lens, by_normalised = _lens(values["lens"][0], inside)
+    pixels, by_lens, by_normalised = _lens(lens_rows(values["lens"], camera), inside)
     normalised = inside[:, :2] / inside[:, 2:]
     pinhole = np.zeros((len(inside), 2, 3))
     pinhole[:, 0, 0] = pinhole[:, 1, 1] = 1.0 / inside[:, 2]
@@ -52,12 +64,16 @@ def turn_and_shift(values: Array, step: Array) -> Array:
 
 
 def undistorted(lens: Array, offsets_px: Array) -> Array:
-    """Return ideal (x/z, y/z), (M, 2), of pixels measured from the middle of the picture."""
-    f, c, affinity, shear = lens[0], lens[1:3], lens[8], lens[9]
+    """Return ideal (x/z, y/z), (M, 2), of pixels measured from the middle of the picture.
+
+    ``lens`` is one (10,), or that of each ray (M, 10).
+    """
+    f, c, affinity, shear = lens[..., :1], lens[..., 1:3], lens[..., 8], lens[..., 9]
     measured = (offsets_px - c) / f
     measured[:, 0] = (measured[:, 0] - shear * measured[:, 1]) / (1.0 + affinity)
     ideal = measured.copy()
-    plain = np.array([1.0, 0.0, 0.0, *lens[3:8], 0.0, 0.0])
+    plain = np.array(lens)
+    plain[..., 0], plain[..., 1:3], plain[..., 8:] = 1.0, 0.0, 0.0
     for _ in range(20):
         ones = np.column_stack([ideal, np.ones(len(ideal))])
         ideal = ideal + measured - _lens(plain, ones)[0]
@@ -65,13 +81,16 @@ def undistorted(lens: Array, offsets_px: Array) -> Array:
 
 
 def lens_pixels(lens: Array, inside: Array) -> Array:
-    """Return offsets from the middle of the picture (M, 2), px, of points in the camera (M, 3)."""
+    """Return offsets from the middle of the picture (M, 2), px, of points in the camera (M, 3).
+
+    ``lens`` is one (10,), or that of each point (M, 10).
+    """
     return _lens(lens, inside)[0]
 
 
 def _lens(lens: Array, inside: Array) -> tuple[Array, Array, Array]:
     """Return offsets (M, 2) px, their derivatives by the lens (M, 2, 10) and by (x/z, y/z)."""
-    f, cl, rw, k1, k2, k3, p1, p2, affinity, shear = lens
+    f, cl, rw, k1, k2, k3, p1, p2, affinity, shear = lens.T
     x, y = (inside[:, :2] / inside[:, 2:]).T
     r2 = x * x + y * y
     radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
@@ -83,14 +102,16 @@ def _lens(lens: Array, inside: Array) -> tuple[Array, Array, Array]:
     by_normalised[:, 0, 1] = x * y * slope + 2 * p1 * y + 2 * p2 * x
     by_normalised[:, 1, 0] = x * y * slope + 2 * p2 * x + 2 * p1 * y
     by_normalised[:, 1, 1] = radial + y * y * slope + 6 * p2 * y + 2 * p1 * x
-    stretch = f * np.array([[1.0 + affinity, shear], [0.0, 1.0]])
+    stretch = np.zeros((*np.shape(f), 2, 2))
+    stretch[..., 0, 0], stretch[..., 0, 1], stretch[..., 1, 1] = f + f * affinity, f * shear, f
     by_lens = np.zeros((len(x), 2, 10))
     wide = (1.0 + affinity) * xd + shear * yd
     by_lens[:, 0, 0], by_lens[:, 1, 0] = wide, yd
     by_lens[:, 0, 1] = by_lens[:, 1, 2] = 1.0
     terms = [(x * r2, y * r2), (x * r2**2, y * r2**2), (x * r2**3, y * r2**3)]
     terms += [(r2 + 2 * x * x, 2 * x * y), (2 * x * y, r2 + 2 * y * y)]
-    for column, term in enumerate(terms, start=3):
-        by_lens[:, :, column] = np.column_stack(term) @ stretch.T
+    for column, (along, down) in enumerate(terms, start=3):
+        by_lens[:, 0, column] = f * ((1.0 + affinity) * along + shear * down)
+        by_lens[:, 1, column] = f * down
     by_lens[:, 0, 8], by_lens[:, 0, 9] = f * xd, f * yd
     return np.column_stack([f * wide + cl, f * yd + rw]), by_lens, stretch @ by_normalised

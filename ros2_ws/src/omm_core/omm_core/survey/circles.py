@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from omm_core.imaging.circle import BOUNDARY_POINTS, centre_weights_of_many, circle_points
-from omm_core.survey.camera_model import evaluate_rays, lens_pixels
+from omm_core.survey.camera_model import lens_pixels
 from omm_core.survey.sighting import Sighting
 
 Array = NDArray[np.float64]
@@ -53,14 +53,14 @@ def circles_of(
     photo: NDArray[np.intp],
     point: NDArray[np.intp],
     used: NDArray[np.bool_],
-    middle_px: Array,
+    jacobians: Array,
     before: dict[int, Circle],
 ) -> dict[int, Circle]:
     """Return the circles by row of their point, where two views or more tell them.
 
-    ``before`` are those that are nearly known: where the search begins.
+    ``jacobians`` (M, 2, 3) are d(pixel)/d(point); ``before`` are circles that are nearly known:
+    where the search begins.
     """
-    jacobians = evaluate_rays(values, photo, point, middle_px)[1]["points"]
     there = used & np.array([s.spread_px2 is not None for s in sightings])
     found: dict[int, Circle] = {}
     every = np.flatnonzero(there)
@@ -155,6 +155,7 @@ def _flat(matrices: Array) -> Array:
 
 def eccentricities(
     values: dict[str, Array],
+    lens: Array,
     photo: NDArray[np.intp],
     point: NDArray[np.intp],
     normals: Array,
@@ -164,6 +165,7 @@ def eccentricities(
 
     Parameters
     ----------
+    lens : (10,) or (M, 10) array
     normals, diameters_mm : (T, 3), (T,) arrays
         By row of the points; not finite where not known: nothing is corrected there.
     """
@@ -177,8 +179,9 @@ def eccentricities(
     offset = values["points"][rows] - values["photos"][photo[rays], 3:]
     around = circle_points(offset, normals[rows], diameters_mm[rows])
     inside = np.einsum("mij,mkj->mki", rotations, around)
-    lens = values["lens"][0]
-    outlines = lens_pixels(lens, inside.reshape(-1, 3)).reshape(-1, BOUNDARY_POINTS, 2)
+    own = lens if lens.ndim == 1 else lens[rays]
+    of_outline = own if own.ndim == 1 else np.repeat(own, BOUNDARY_POINTS, axis=0)
+    outlines = lens_pixels(of_outline, inside.reshape(-1, 3)).reshape(-1, BOUNDARY_POINTS, 2)
     centres = np.einsum("mkij,mkj->mi", centre_weights_of_many(outlines), outlines)
-    shift[rays] = centres - lens_pixels(lens, np.einsum("mij,mj->mi", rotations, offset))
+    shift[rays] = centres - lens_pixels(own, np.einsum("mij,mj->mi", rotations, offset))
     return shift

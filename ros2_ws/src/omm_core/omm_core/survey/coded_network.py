@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from omm_core.errors import MeasurementError
 from omm_core.survey.camera_model import undistorted
+from omm_core.survey.cameras import Cameras, pixel_of
 from omm_core.survey.fitting import adjusted
 from omm_core.survey.network import (
     Network,
@@ -41,7 +42,7 @@ LOOSE = (
 def started(
     sightings: list[Sighting],
     bars: list[Bar],
-    focal_length_px: float,
+    cameras: Cameras,
     middle: Array,
     declared: dict[str, float],
 ) -> Network:
@@ -53,7 +54,7 @@ def started(
     for factor in _FOCAL_TRIED:
         try:
             with np.errstate(all="ignore"):
-                found = _coded_network(sightings, bars, factor * focal_length_px, middle, declared)
+                found = _coded_network(sightings, bars, cameras, factor, middle, declared)
         except (MeasurementError, np.linalg.LinAlgError, ValueError) as error:
             reason = reason or error
             continue
@@ -78,7 +79,8 @@ def _worth(network: Network) -> float:
 def _coded_network(
     sightings: list[Sighting],
     bars: list[Bar],
-    focal_length_px: float,
+    cameras: Cameras,
+    factor: float,
     middle: Array,
     declared: dict[str, float],
 ) -> Network:
@@ -86,12 +88,12 @@ def _coded_network(
 
     No bar takes part: a wrong one would bend all rays. They only tell how large it is, about.
     """
-    lens = np.r_[focal_length_px, np.zeros(9)]
-    photos, points = start_network(rays_by_photo(sightings, lens, middle), 1.0 / focal_length_px)
-    points = _seen_by(3, points, photos, sightings)
-    state = _scaled(
-        NetworkState(lens=lens, photos=photos, points=points, declared_mm=declared), bars
+    state = NetworkState(
+        lenses=cameras.lenses(factor), cameras=cameras, photos={}, points={}, declared_mm=declared
     )
+    photos, points = start_network(rays_by_photo(sightings, state, middle), pixel_of(state.lenses))
+    points = _seen_by(3, points, photos, sightings)
+    state = _scaled(replace(state, photos=photos, points=points), bars)
     network = adjusted(state, sightings, [], middle, stages_for(len(photos)))
     tries: Counter[tuple[str, int]] = Counter()
     while True:
@@ -111,7 +113,7 @@ def _extended(
 ) -> NetworkState:
     """Return the state with more photographs or, where there are none, with more points."""
     photos, points = dict(state.photos), dict(state.points)
-    rays, pixel = rays_by_photo(sightings, state.lens, middle), float(1.0 / state.lens[0])
+    rays, pixel = rays_by_photo(sightings, state, middle), pixel_of(state.lenses)
     wanted = {n: r for n, r in rays.items() if ("photo", n) not in given_up}
     resect_photos(wanted, photos, points, pixel)
     if len(photos) == len(state.photos):
@@ -146,9 +148,10 @@ def _scaled(state: NetworkState, bars: list[Bar]) -> NetworkState:
     )
 
 
-def rays_by_photo(sightings: list[Sighting], lens: Array, middle: Array) -> Rays:
+def rays_by_photo(sightings: list[Sighting], state: NetworkState, middle: Array) -> Rays:
     """Return the undistorted direction of each sighting, by photograph and point."""
-    ideal = undistorted(lens, np.array([s.center_px for s in sightings]) - middle)
+    lenses = state.lenses[state.cameras.rows(s.photo for s in sightings)]
+    ideal = undistorted(lenses, np.array([s.center_px for s in sightings]) - middle)
     rays: Rays = {}
     for sighting, ray in zip(sightings, ideal, strict=True):
         rays.setdefault(sighting.photo, {})[sighting.point] = ray

@@ -27,15 +27,18 @@ from omm_core.adjustment import (
 from omm_core.adjustment import test_observations as w_tests
 from omm_core.adjustment.statistics import predicted_covariance
 from omm_core.survey.bar_block import bar_block
-from omm_core.survey.camera_model import PARAMETERS, evaluate_rays, turn_and_shift
+from omm_core.survey.camera_model import PARAMETERS, evaluate_rays, lens_rows, turn_and_shift
 from omm_core.survey.circles import circles_of, eccentricities
 from omm_core.survey.hopeless import HopelessError
 from omm_core.survey.network import (
     FEWEST_IN_PHOTO,
     FEWEST_RAYS,
+    STAGES,
     Network,
     NetworkState,
     detector_covariances,
+    noise_kinds,
+    stages_for,
 )
 from omm_core.survey.noise import estimated
 from omm_core.survey.sighting import CODED, PLAIN, Bar, Sighting
@@ -124,7 +127,8 @@ class Fitting:
         self.points = {n: row for row, n in enumerate(sorted({s.point for s in sightings}))}
         self.photo = np.array([self.photos[s.photo] for s in sightings])
         self.point = np.array([self.points[s.point] for s in sightings])
-        self.kinds = np.array([s.kind for s in sightings])
+        self.camera = state.cameras.rows(s.photo for s in sightings)
+        self.kinds = noise_kinds(sightings, state.cameras)
         self.seen = np.array([s.center_px for s in sightings])
         self.detector = detector_covariances(sightings)
         self.shift = np.zeros_like(self.seen)
@@ -137,7 +141,7 @@ class Fitting:
     def solved(self, stages: tuple[tuple[int, ...], ...]) -> Network:
         """Free the calibration in stages, reject, and estimate the noise of the rays."""
         values: Values = {
-            "lens": self.state.lens[None].copy(),
+            "lens": self.state.lenses.copy(),
             "photos": np.array([self.state.photos[n] for n in self.photos]),
             "points": np.array([self.state.points[n] for n in self.points]),
             "zooms": np.zeros((len(self.photos), 1)),
@@ -162,8 +166,8 @@ class Fitting:
                     self._look(values)
         return Network(
             photos=self.photos, points=self.points, solution=solution, noise=self.noise,
-            sightings=self.sightings, used=self.used, bars=tuple(self.bars),
-            middle_px=self.middle, t2=tests.t2, diameters_mm=self.diameters,
+            cameras=self.state.cameras, sightings=self.sightings, used=self.used,
+            bars=tuple(self.bars), middle_px=self.middle, t2=tests.t2, diameters_mm=self.diameters,
             circles={n: self.circles[n] for n in self.points if n in self.circles},
         )  # fmt: skip
 
@@ -250,8 +254,9 @@ class Fitting:
         """Take normals and diameters from the ellipses."""
         numbers = list(self.points)
         before = {row: self.circles[n] for n, row in self.points.items() if n in self.circles}
+        _, slopes = evaluate_rays(values, self.photo, self.point, self.middle, self.camera)
         circles = circles_of(
-            values, self.sightings, self.photo, self.point, self.used, self.middle, before
+            values, self.sightings, self.photo, self.point, self.used, slopes["points"], before
         )
         self.circles = {numbers[row]: circle for row, circle in circles.items()}
         for kind in (CODED, PLAIN):
@@ -269,7 +274,8 @@ class Fitting:
             if number in self.circles:
                 normals[row] = self.circles[number].normal
                 diameters[row] = self.diameters.get(PLAIN if number < 0 else CODED, np.nan)
-        self.shift = eccentricities(values, self.photo, self.point, normals, diameters)
+        lenses = lens_rows(values["lens"], self.camera)
+        self.shift = eccentricities(values, lenses, self.photo, self.point, normals, diameters)
 
     def _reject(self, t2: Array) -> bool:
         """Reject the worst ray of each photograph and point; return whether there was one."""
@@ -293,13 +299,14 @@ class Fitting:
     def _problem(
         self, values: Values, stage: tuple[int, ...], anchor: Array | None = None
     ) -> Problem:
-        held = np.ones((1, len(PARAMETERS)), dtype=bool)
-        held[0, list(stage)] = False
+        held = np.ones_like(values["lens"], dtype=bool)
+        for camera in range(len(held)):
+            held[camera, [c for c in stage if c in self._bears(camera)]] = False
         rays = Block(
             name="rays", observed=self.seen - self.shift,
             covariance=self.noise.covariance(self.detector, self.kinds) * self.doubt[:, None, None],
             index={
-                "lens": np.zeros_like(self.photo), "photos": self.photo, "points": self.point,
+                "lens": self.camera, "photos": self.photo, "points": self.point,
                 "zooms": self.photo,
             },
             evaluate=self._evaluated,
@@ -323,6 +330,14 @@ class Fitting:
             datum={"points": datum},
         )
 
+    def _bears(self, camera: int) -> tuple[int, ...]:
+        """Return the columns of a lens that the photographs of its camera can tell."""
+        if len(self.state.cameras) == 1:
+            return STAGES[-1]
+        photos = len(np.unique(self.photo[self.camera == camera]))
+        # What other cameras place tells the focal length of few photographs, too.
+        return stages_for(photos)[-1] or STAGES[1 if photos else 0]
+
     def _zoom_group(self, values: Values) -> Group:
         zooms = values["zooms"]
         return Group(
@@ -331,10 +346,10 @@ class Fitting:
         )  # fmt: skip
 
     def _evaluated(self, values: Mapping[str, Array]) -> tuple[Array, dict[str, Array]]:
-        pixels, slopes = evaluate_rays(values, self.photo, self.point, self.middle)
+        pixels, slopes = evaluate_rays(values, self.photo, self.point, self.middle, self.camera)
         if not self.zooms:
             return pixels, slopes
-        centre = self.middle + values["lens"][0, 1:3]
+        centre = self.middle + values["lens"][self.camera, 1:3]
         grown = np.exp(values["zooms"][self.photo])
         pixels = centre + grown * (pixels - centre)
         slopes = {name: grown[:, :, None] * slope for name, slope in slopes.items()}

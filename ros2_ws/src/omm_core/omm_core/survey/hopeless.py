@@ -53,7 +53,7 @@ class HopelessError(Exception):
         points = {n: values["points"][row] for n, row in fitting.points.items()}
         return replace(
             state,
-            lens=values["lens"][0],
+            lenses=values["lens"],
             photos={n: pose for n, pose in photos.items() if n not in self.photos},
             points={n: xyz for n, xyz in points.items() if n not in self.points},
         )

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.survey.camera_model import project
+from omm_core.survey.cameras import pixel_of
 from omm_core.survey.coded_network import rays_by_photo
 from omm_core.survey.fitting import adjusted
 from omm_core.survey.matching import match_dots, meetings, placed
@@ -55,9 +56,11 @@ def with_dots(
         coded = _located(state, found.sightings, network.middle_px)
         state = replace(state, points={**coded, **state.points})
     claimed, left = _claimed(state, found, network)
-    photos = [placed(n, pose, left.get(n, ())) for n, pose in state.photos.items()]
+    photos = [
+        placed(n, pose, state.lens_of(n), left.get(n, ())) for n, pose in state.photos.items()
+    ]
     size = found.declared_mm.get(PLAIN)
-    matches = match_dots(photos, network.lens, network.middle_px, _box(network), size)
+    matches = match_dots(photos, network.middle_px, _box(network), size)
     # Numbers of plain points are given anew.
     points = {n: xyz for n, xyz in state.points.items() if n >= 0}
     circles = {n: circle for n, circle in state.circles.items() if n >= 0}
@@ -81,9 +84,11 @@ def with_more_photos(
             break
         state = state_of(network, found.declared_mm)
         free = _claimed(state, found, network)[1]
-        there = [placed(n, pose, free.get(n, ())) for n, pose in state.photos.items()]
+        there = [
+            placed(n, pose, state.lens_of(n), free.get(n, ())) for n, pose in state.photos.items()
+        ]
         size = found.declared_mm.get(PLAIN)
-        where = meetings(there, network.lens, network.middle_px, _box(network), size)
+        where = meetings(there, network.middle_px, _box(network), size)
         poses = recovered(network, found.sightings, found.dots, where)
         if not poses:
             break
@@ -109,8 +114,8 @@ def with_lost(network: Network, found: Found) -> tuple[Network, list[Sighting]]:
 def _located(state: NetworkState, sightings: list[Sighting], middle: Array) -> dict[int, Array]:
     """Return the places of all coded targets that two photographs or more of a state show."""
     points: dict[int, Array] = {}
-    rays = rays_by_photo(sightings, state.lens, middle)
-    intersect_points(rays, state.photos, points, float(1.0 / state.lens[0]), _ANGLE_RAD)
+    rays = rays_by_photo(sightings, state, middle)
+    intersect_points(rays, state.photos, points, pixel_of(state.lenses), _ANGLE_RAD)
     return points
 
 
@@ -137,9 +142,10 @@ def _claimed(state: NetworkState, found: Found, network: Network) -> tuple[list[
         of_photo = found.dots.get(photo, ())
         if not of_photo:
             continue
-        values = {"lens": state.lens[None], "photos": pose[None], "points": xyz}
+        lens = state.lens_of(photo)
+        values = {"lens": lens[None], "photos": pose[None], "points": xyz}
         pixels, inside = project(values, first, rows, network.middle_px)
-        size = state.lens[0] * radius / np.maximum(inside[:, 2], 1e-9)
+        size = lens[0] * radius / np.maximum(inside[:, 2], 1e-9)
         centres = np.array([d.center_px for d in of_photo])
         apart = np.linalg.norm(centres[:, None] - pixels[None], axis=2)
         apart[:, inside[:, 2] <= 0] = np.inf

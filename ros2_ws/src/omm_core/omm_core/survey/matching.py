@@ -41,12 +41,14 @@ class PlacedPhoto:
     ----------
     number : int
     turn, place : camera_R_survey (3, 3) and (3,) mm
+    lens : (10,) array
     dots : what was found in it and is not yet claimed
     """
 
     number: int
     turn: Array
     place: Array
+    lens: Array
     dots: tuple[PlainDot, ...]
 
 
@@ -61,15 +63,16 @@ class Match:
 class _Scene:
     """Rays of all dots, in one list; `first[k]` is where those of photograph k begin."""
 
-    def __init__(self, photos: list[PlacedPhoto], lens: Array, middle_px: Array) -> None:
-        self.photos, self.lens, self.middle = photos, lens, middle_px
-        self.focal = float(lens[0])
+    def __init__(self, photos: list[PlacedPhoto], middle_px: Array) -> None:
+        self.photos, self.middle = photos, middle_px
+        self.lenses = np.array([p.lens for p in photos])
+        self.focal = self.lenses[:, 0]
         counts = [len(p.dots) for p in photos]
         self.first = np.concatenate([[0], np.cumsum(counts)]).astype(np.intp)
         every = [dot for p in photos for dot in p.dots]
         self.pixels = np.array([dot.center_px for dot in every]).reshape(-1, 2)
         self.photo = np.repeat(np.arange(len(photos)), counts)
-        ideal = undistorted(lens, self.pixels - middle_px)
+        ideal = undistorted(self.lenses[self.photo], self.pixels - middle_px)
         inside = np.column_stack([ideal, np.ones(len(ideal))])
         self.size = np.array(
             [2.0 * np.sqrt(np.linalg.eigvalsh(dot.spread_px2)[1]) for dot in every]
@@ -87,7 +90,7 @@ class _Scene:
         """Return the dot of each photograph where a place would appear, -1 where there is none."""
         inside = np.einsum("kij,kj->ki", self.turns, place - self.places)
         before = inside[:, 2] > 0
-        pixels = lens_pixels(self.lens, inside[before]) + self.middle
+        pixels = lens_pixels(self.lenses[before], inside[before]) + self.middle
         found = np.full(len(self.photos), -1, dtype=np.intp)
         for k, at in zip(np.flatnonzero(before), pixels, strict=True):
             tree = self.trees[k]
@@ -102,12 +105,11 @@ class _Scene:
         inside = (points - self.places[k]) @ self.photos[k].turn.T
         depth = inside[:, 2]
         safe = np.where((depth > 0)[:, None], inside, [0.0, 0.0, 1.0])
-        return lens_pixels(self.lens, safe) + self.middle, depth
+        return lens_pixels(self.lenses[k], safe) + self.middle, depth
 
 
 def match_dots(
     photos: list[PlacedPhoto],
-    lens: Array,
     middle_px: Array,
     box_mm: Array,
     diameter_mm: float | None,
@@ -117,7 +119,6 @@ def match_dots(
     Parameters
     ----------
     photos : list of PlacedPhoto
-    lens : (10,) array
     box_mm : (2, 3) array
         Where targets can be.
     diameter_mm : float or None
@@ -125,7 +126,7 @@ def match_dots(
     """
     if sum(len(p.dots) > 0 for p in photos) < FEWEST:
         return []
-    scene = _Scene(photos, lens, middle_px)
+    scene = _Scene(photos, middle_px)
     partners = _partners(scene, box_mm)
     pairs, places = _hypotheses(scene, partners, box_mm, diameter_mm, _ANGLES[0])
     support = _support(scene, places)
@@ -154,7 +155,6 @@ def match_dots(
 
 def meetings(
     photos: list[PlacedPhoto],
-    lens: Array,
     middle_px: Array,
     box_mm: Array,
     diameter_mm: float | None,
@@ -165,7 +165,7 @@ def meetings(
     """
     if sum(len(p.dots) > 0 for p in photos) < 2:
         return np.empty((0, 3))
-    scene, pairs = _Scene(photos, lens, middle_px), list(combinations(range(len(photos)), 2))
+    scene, pairs = _Scene(photos, middle_px), list(combinations(range(len(photos)), 2))
     return _hypotheses(scene, pairs, box_mm, diameter_mm, _NARROW)[1]
 
 
@@ -199,12 +199,13 @@ def _hypotheses(
             continue
         normal = np.cross(base, scene.looks[one])
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        off = np.abs(normal @ scene.looks[two].T) * scene.focal
+        off = np.abs(normal @ scene.looks[two].T) * 0.5 * (scene.focal[a] + scene.focal[b])
         i, j = np.nonzero(off < _EPIPOLAR_PX)
         one, two = one[i], two[j]
         place, depths, angle = _meeting(scene, one, two, base)
         sizes = [
-            scene.size[d] * depth / scene.focal for d, depth in ((one, depths[0]), (two, depths[1]))
+            scene.size[d] * depth / scene.focal[k]
+            for d, depth, k in ((one, depths[0], a), (two, depths[1], b))
         ]
         good = (depths[0] > 0) & (depths[1] > 0) & (angle > least_angle) & (angle < _ANGLES[1])
         good &= ((place > box_mm[0]) & (place < box_mm[1])).all(axis=1)
@@ -258,7 +259,7 @@ def _grown(
             return None
         place, dots = fitted
     depth = np.linalg.norm(place - scene.places[scene.photo[dots]], axis=1)
-    sizes = scene.size[dots] * depth / scene.focal
+    sizes = scene.size[dots] * depth / scene.focal[scene.photo[dots]]
     middle = float(np.median(sizes))
     fits = np.maximum(sizes, middle) < _SIZES * np.minimum(sizes, middle)
     if diameter_mm is not None and not _is_size(np.array([middle]), diameter_mm).all():
@@ -282,7 +283,7 @@ def _place_of(scene: _Scene, dots: Index) -> tuple[Array, Index] | None:
             place = np.linalg.solve(normal, np.einsum("nij,nj->i", weighted, at))
             away = np.linalg.norm(place - at, axis=1)
         off = np.linalg.norm(np.einsum("nij,nj->ni", across, place - at), axis=1) / away
-        off_px = off * scene.focal
+        off_px = off * scene.focal[scene.photo[dots]]
         if off_px.max() <= _FITS_PX:
             return place, dots
         dots = np.delete(dots, int(np.argmax(off_px)))
@@ -293,7 +294,7 @@ def _widest(looks: Array) -> float:
     return float(np.arccos(np.clip(looks @ looks.T, -1.0, 1.0)).max())
 
 
-def placed(number: int, pose: Array, dots: tuple[PlainDot, ...]) -> PlacedPhoto:
+def placed(number: int, pose: Array, lens: Array, dots: tuple[PlainDot, ...]) -> PlacedPhoto:
     """Return a photograph with its pose (6,): rotation vector, place."""
     turn = Rotation.from_rotvec(pose[:3]).as_matrix()
-    return PlacedPhoto(number=number, turn=turn, place=np.array(pose[3:]), dots=dots)
+    return PlacedPhoto(number=number, turn=turn, place=np.array(pose[3:]), lens=lens, dots=dots)

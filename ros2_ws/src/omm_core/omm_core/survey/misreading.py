@@ -31,7 +31,8 @@ def misread_targets(network: Network) -> list[Misreading]:
         if s.point < 0:
             continue
         here = np.full(len(rows), network.photos[s.photo])
-        pixels, inside = project(network.solution.values, here, rows, network.middle_px)
+        values = {**network.solution.values, "lens": network.lens_of(s.photo)[None]}
+        pixels, inside = project(values, here, rows, network.middle_px)
         apart = np.linalg.norm(pixels - s.center_px, axis=1)
         apart[(inside[:, 2] <= 0) | (numbers == s.point)] = np.inf
         nearest = int(np.argmin(apart))

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omm_core.adjustment import Solution
+from omm_core.survey.cameras import Cameras
 from omm_core.survey.circles import Circle
 from omm_core.survey.noise import RayNoise
 from omm_core.survey.sighting import Bar, Sighting
@@ -34,6 +35,7 @@ class Network:
         Number -> row in ``solution.values``.
     solution : Solution
         Its covariance is that of the noise which the residuals show.
+    cameras : Cameras
     noise : RayNoise
     sightings, used : the rays in the order of the block, and which took part.
     circles : mapping
@@ -53,6 +55,7 @@ class Network:
     photos: dict[int, int]
     points: dict[int, int]
     solution: Solution
+    cameras: Cameras
     noise: RayNoise
     sightings: tuple[Sighting, ...]
     used: NDArray[np.bool_]
@@ -67,8 +70,12 @@ class Network:
 
     @property
     def lens(self) -> Array:
-        """Return the lens (10,), see `camera_model.PARAMETERS`."""
+        """Return the first camera's lens (10,), see `camera_model.PARAMETERS`."""
         return self.solution.values["lens"][0]
+
+    def lens_of(self, photo: int) -> Array:
+        """Return the lens (10,) of a photograph's camera."""
+        return self.solution.values["lens"][self.cameras.row(photo)]
 
     @property
     def rms_px(self) -> float:
@@ -82,7 +89,7 @@ class Network:
 
     @property
     def sigma0_by(self) -> dict[str, float]:
-        """Return the same by kind of target."""
+        """Return the same by kind of target and, where there are several, by camera."""
         by = {}
         for kind in np.unique(self.kinds):
             rays = self.used & (self.kinds == kind)
@@ -94,8 +101,8 @@ class Network:
 
     @property
     def kinds(self) -> NDArray[np.str_]:
-        """Return the kind of each ray."""
-        return np.array([s.kind for s in self.sightings])
+        """Return whose noise each ray shares."""
+        return noise_kinds(self.sightings, self.cameras)
 
     def xyz_mm(self, point: int) -> Array:
         """Return the place of a point."""
@@ -129,9 +136,10 @@ class Network:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NetworkState:
-    """Where an adjustment begins: places by number, the lens, and what is known of noise, dots."""
+    """Where an adjustment begins: places by number, lenses (C, 10), and what is known."""
 
-    lens: Array
+    lenses: Array
+    cameras: Cameras
     photos: dict[int, Array]
     points: dict[int, Array]
     noise: RayNoise = field(default_factory=RayNoise)
@@ -139,12 +147,17 @@ class NetworkState:
     circles: dict[int, Circle] = field(default_factory=dict)
     diameters_mm: dict[str, float] = field(default_factory=dict)
 
+    def lens_of(self, photo: int) -> Array:
+        """Return the lens (10,) of a photograph's camera."""
+        return self.lenses[self.cameras.row(photo)]
+
 
 def state_of(network: Network, declared_mm: dict[str, float]) -> NetworkState:
     """Return where a network stands, to go on from."""
     values = network.solution.values
     return NetworkState(
-        lens=values["lens"][0].copy(),
+        lenses=values["lens"].copy(),
+        cameras=network.cameras,
         photos={n: values["photos"][row].copy() for n, row in network.photos.items()},
         points={n: values["points"][row].copy() for n, row in network.points.items()},
         noise=network.noise, declared_mm=declared_mm, circles=network.circles,
@@ -155,6 +168,13 @@ def state_of(network: Network, declared_mm: dict[str, float]) -> NetworkState:
 def stages_for(photos: int) -> tuple[tuple[int, ...], ...]:
     """Return which stages so many photographs can bear."""
     return STAGES if photos >= PHOTOS_FOR_ALL else STAGES[:3] if photos >= 4 else STAGES[:1]
+
+
+def noise_kinds(sightings: tuple[Sighting, ...], cameras: Cameras) -> NDArray[np.str_]:
+    """Return whose noise each ray shares: its kind's, where there are several in its camera."""
+    if len(cameras) == 1:
+        return np.array([s.kind for s in sightings])
+    return np.array([f"{s.kind}, {cameras.names[cameras.row(s.photo)]}" for s in sightings])
 
 
 def detector_covariances(sightings: tuple[Sighting, ...]) -> Array:

@@ -8,7 +8,7 @@ for them: few of these are targets, but hardly any that is not has a dot where i
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, islice
 
 import numpy as np
@@ -57,6 +57,7 @@ def recovered(
     poses: dict[int, Array] = {}
     there = _places(network, meetings_mm)
     for photo, coded in placeable(network, sightings, dots).items():
+        there = replace(there, lens=network.lens_of(photo))
         pose = _pose_by_dots(network, there, coded, dots[photo])
         if pose is not None:
             poses[photo] = pose
@@ -95,7 +96,7 @@ def _pose_by_dots(
     pixels = np.array([dot.center_px for dot in dots])
     tree = cKDTree(pixels)
     read = np.array([s.center_px for s in coded])
-    ideal = undistorted(network.lens, read - network.middle_px)
+    ideal = undistorted(there.lens, read - network.middle_px)
     places = np.array([network.xyz_mm(s.point) for s in coded])
     best: tuple[int, Array] | None = None
     for triple in islice(combinations(range(len(coded)), 3), _TRIPLES):
@@ -118,14 +119,14 @@ def _pose_by_dots(
         if len(hits) + fits.sum() < _FEWEST_HITS:
             return None
         seen = np.vstack([pixels[list(hits.values())], read[fits]])
-        rays = undistorted(network.lens, seen - network.middle_px)
+        rays = undistorted(there.lens, seen - network.middle_px)
         at = np.vstack([there.xyz_mm[list(hits)], places[fits]])
         turn = pose[:3].copy()
         shift = -Rotation.from_rotvec(turn).apply(pose[3:])
         turn, shift = cv2.solvePnPRefineLM(at, rays, np.eye(3), None, turn, shift)
         pose = _pose(turn, shift)
     off = cv2.projectPoints(at, turn, shift, np.eye(3), None)[0][:, 0] - rays
-    if float(np.median(np.abs(off))) * network.lens[0] > 0.5 * _FINE_PX:
+    if float(np.median(np.abs(off))) * there.lens[0] > 0.5 * _FINE_PX:
         return None
     return pose
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from omm_core.errors import MeasurementError
 from omm_core.survey.bars import agreeing_bars
+from omm_core.survey.cameras import Cameras, pixel_of
 from omm_core.survey.coded_network import LOOSE, rays_by_photo, started
 from omm_core.survey.fitting import adjusted
 from omm_core.survey.joining import Found, lost, with_dots, with_lost, with_more_photos
@@ -37,7 +38,7 @@ _FEWEST_ZOOMS = 6  # photographs whose focal lengths can be compared
 def solve_network(
     sightings: list[Sighting],
     bars: list[Bar],
-    focal_length_px: float,
+    cameras: Cameras | float,
     size_px: tuple[int, int],
     dots: dict[int, tuple[PlainDot, ...]] | None = None,
     diameters_mm: dict[str, float] | None = None,
@@ -47,7 +48,9 @@ def solve_network(
     Parameters
     ----------
     sightings : list of Sighting
-        The coded targets that were read.
+        The coded targets that were read; pixels are those of a picture of ``size_px``.
+    cameras : Cameras or float
+        With their nominal focal lengths; a number is that of the only one.
     dots : mapping, optional
         Plain dots by photograph.
     diameters_mm : mapping, optional
@@ -60,11 +63,15 @@ def solve_network(
     """
     middle = (np.array(size_px) - 1.0) / 2.0
     declared = diameters_mm or {}
-    network = started(sightings, bars, focal_length_px, middle, declared)
+    if not isinstance(cameras, Cameras):
+        cameras = Cameras(focal_px=(float(cameras),))
+    network = started(sightings, bars, cameras, middle, declared)
     zoomed = _zoomed(network, sightings, declared)
     if zoomed:
         sightings = [s for s in sightings if s.photo not in zoomed]
-        network = started(sightings, bars, float(network.lens[0]), middle, declared)
+        found_px = tuple(float(f) for f in network.solution.values["lens"][:, 0])
+        known = replace(cameras, focal_px=found_px)
+        network = started(sightings, bars, known, middle, declared)
     # A bar's end that moved must not make the bars disagree. Others are judged in the end, when
     # plain targets hold photographs that show few coded ones.
     ends = {end for bar in bars for end in bar.ends}
@@ -95,10 +102,7 @@ def _zoomed(
 ) -> dict[int, str]:
     """Return photographs with another focal length than most, and why that is thought."""
     state = replace(state_of(network, declared), noise=RayNoise())
-    rays, pixel = (
-        rays_by_photo(sightings, state.lens, network.middle_px),
-        float(1.0 / state.lens[0]),
-    )
+    rays, pixel = rays_by_photo(sightings, state, network.middle_px), pixel_of(state.lenses)
     # Also those which one focal length for all has thrown out.
     resect_photos(rays, state.photos, state.points, pixel, FITS_AT_FIRST_PX)
     if len(state.photos) < _FEWEST_ZOOMS:

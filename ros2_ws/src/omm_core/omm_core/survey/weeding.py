@@ -127,7 +127,8 @@ def _intersection(network: Network, rays: list[int]) -> tuple[Array, Array] | No
     """Return where rays come closest, and their misfits there: below 1 they fit."""
     seen = np.array([network.sightings[i].center_px for i in rays])
     poses = np.array([network.pose(network.sightings[i].photo) for i in rays])
-    ideal = undistorted(network.lens, seen - network.middle_px)
+    lenses = np.array([network.lens_of(network.sightings[i].photo) for i in rays])
+    ideal = undistorted(lenses, seen - network.middle_px)
     turns = Rotation.from_rotvec(poses[:, :3])
     looks = turns.inv().apply(np.column_stack([ideal, np.ones(len(ideal))]))
     looks /= np.linalg.norm(looks, axis=1, keepdims=True)
@@ -139,7 +140,7 @@ def _intersection(network: Network, rays: list[int]) -> tuple[Array, Array] | No
     inside = turns.apply(place - poses[:, 3:])
     if (inside[:, 2] <= 0).any():
         return None
-    off = (inside[:, :2] / inside[:, 2:] - ideal) * network.lens[0]
+    off = (inside[:, :2] / inside[:, 2:] - ideal) * lenses[:, :1]
     detector = np.array([network.sightings[i].covariance_px2 for i in rays])
     covariance = network.noise.covariance(detector, network.kinds[rays])
     t2 = np.einsum("mi,mij,mj->m", off, np.linalg.inv(covariance), off)

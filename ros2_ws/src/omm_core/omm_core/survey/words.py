@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ def name_of(number: int) -> str:
 
 
 def findings_of(
-    network: Network, photo_name: Callable[[int], str], nominal_focal_px: float
+    network: Network, photo_name: Callable[[int], str], nominal_focal_px: Sequence[float]
 ) -> list[str]:
     """Return the findings of a network, the gravest first."""
     gone = [f"Target {n} is left out: {why}." for n, why in network.left_out_points.items()]
@@ -123,19 +123,27 @@ def _weak_angles(network: Network) -> list[str]:
 
 
 def _roll(network: Network) -> list[str]:
-    if not one_roll_angle(network):
-        return []
     return [
-        "All photographs have nearly the same roll angle: the principal point is badly"
-        " determined. Turn the camera by 90 degrees in a part of them."
+        f"All photographs{of_camera(network, camera)} have nearly the same roll angle: the"
+        " principal point is badly determined. Turn the camera by 90 degrees in a part of them."
+        for camera in range(len(network.cameras))
+        if one_roll_angle(network, camera)
     ]
 
 
-def one_roll_angle(network: Network) -> bool:
-    """Tell whether the camera was hardly turned about its axis, against the points' main plane."""
+def of_camera(network: Network, camera: int) -> str:
+    """Return which camera is meant, where there are several."""
+    return f" of {network.cameras.names[camera]}" if len(network.cameras) > 1 else ""
+
+
+def one_roll_angle(network: Network, camera: int = 0) -> bool:
+    """Tell whether a camera was hardly turned about its axis, against the points' main plane."""
     centred = network.solution.values["points"] - network.solution.values["points"].mean(axis=0)
     normal = np.linalg.svd(centred, full_matrices=False)[2][2]
-    up = Rotation.from_rotvec(network.solution.values["photos"][:, :3]).apply(normal)
+    own = network.cameras.rows(network.photos) == camera
+    if not own.any():
+        return False
+    up = Rotation.from_rotvec(network.solution.values["photos"][own, :3]).apply(normal)
     across = np.hypot(up[:, 0], up[:, 1])
     tilted = across > 0.2  # seen face on, the roll angle is not told by the normal
     if tilted.sum() < 3 or tilted.sum() < 0.5 * len(up):
@@ -146,22 +154,24 @@ def one_roll_angle(network: Network) -> bool:
 
 def _lens(network: Network) -> list[str]:
     """Tell that the lens was taken as declared, where there are too few photographs for it."""
-    if network.solution.covariance_of("lens")[0, 0] > 0.0:
-        return []
+    counts = np.bincount(network.cameras.rows(network.photos), minlength=len(network.cameras))
+    variance = np.diag(network.solution.covariance_of("lens"))[::10]
     return [
-        f"{len(network.photos)} photographs do not calibrate the lens: it counts as exactly as"
-        " declared and free of distortion, and no covariance says what that costs. Take four"
-        " photographs or more."
+        f"{counts[camera]} photographs do not calibrate the lens{of_camera(network, camera)}: it"
+        " counts as exactly as declared and free of distortion, and no covariance says what that"
+        " costs. Take four photographs or more."
+        for camera in range(len(counts))
+        if counts[camera] and not variance[camera] > 0.0
     ]
 
 
-def _focal(network: Network, nominal_px: float) -> list[str]:
-    ratio = float(network.lens[0]) / nominal_px
-    if abs(ratio - 1.0) < _FOCAL_OFF:
-        return []
+def _focal(network: Network, nominal_px: Sequence[float]) -> list[str]:
+    ratios = network.solution.values["lens"][:, 0] / np.array(nominal_px)
     return [
-        f"The focal length comes out as {ratio:.2f} times what was declared: check the camera's"
-        " focal length and pixel size."
+        f"The focal length{of_camera(network, camera)} comes out as {ratio:.2f} times what was"
+        " declared: check the camera's focal length and pixel size."
+        for camera, ratio in enumerate(ratios)
+        if abs(ratio - 1.0) >= _FOCAL_OFF
     ]
 
 

@@ -34,8 +34,19 @@ def zoomed_photos(network: Network, count: int) -> dict[int, str]:
     count : int
         Photographs in the series, numbered in the order of their files.
     """
+    found: dict[int, str] = {}
+    for camera in range(len(network.cameras)):
+        found |= _zoomed_of_camera(network, count, camera)
+    return found
+
+
+def _zoomed_of_camera(network: Network, count: int, camera: int) -> dict[int, str]:
     every = np.array(list(network.photos))
-    covariance = network.solution.covariance_of("zooms")
+    own = np.flatnonzero(network.cameras.rows(network.photos) == camera)
+    every = every[own]
+    covariance = network.solution.covariance_of("zooms")[np.ix_(own, own)]
+    if not len(every):
+        return {}
     told = 1.0 / np.sqrt(np.diag(np.linalg.inv(covariance)))  # if all else were known
     known = np.flatnonzero(told < _TOLD)
     if len(known) < _FEWEST:
@@ -44,7 +55,7 @@ def zoomed_photos(network: Network, count: int) -> dict[int, str]:
     mean = np.zeros(len(every))
     mean[known] = told[known] ** -2.0 / np.sum(told[known] ** -2.0)
     less_mean = (np.eye(len(every)) - mean)[known]
-    scales = less_mean @ network.solution.values["zooms"][:, 0]
+    scales = less_mean @ network.solution.values["zooms"][own, 0]
     covariance = less_mean @ covariance @ less_mean.T
     # What a photograph hardly tells of its scale says nothing of the others'.
     sigmas = np.sqrt(np.diag(covariance))
@@ -60,7 +71,8 @@ def zoomed_photos(network: Network, count: int) -> dict[int, str]:
         f"it was taken with a focal length {apart:+.2%} different from most others'"
         " (zoom or focus was touched)"
     )
-    return dict.fromkeys(_whole_run(every[known], fewer, count), why)
+    run = _whole_run(every[known], fewer, count)
+    return {n: why for n in run if network.cameras.row(n) == camera}
 
 
 def _whole_run(numbers: Array, fewer: NDArray[np.bool_], count: int) -> list[int]:
