@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-_TRIES = 3
+_TRIES, _TIGHT_NS = 20, 2_000
 _SMALLEST_STEP_NS = 1_000_000
 _SHORTEST_SLEEP_NS = 100_000_000
 
@@ -69,8 +69,8 @@ class Step:
 
 
 def read_clocks() -> Clocks:
-    """Look at all clocks; of a few looks, the one that took the shortest."""
-    looks = []
+    """Look at all clocks, until a look was not interrupted; else the one that took the shortest."""
+    looks: list[Clocks] = []
     for _ in range(_TRIES):
         before_ns = time.monotonic_ns()
         system_ns, boot_ns = time.time_ns(), time.clock_gettime_ns(time.CLOCK_BOOTTIME)
@@ -83,6 +83,8 @@ def read_clocks() -> Clocks:
                 half_width_ns=(after_ns - before_ns + 1) // 2,
             )
         )
+        if looks[-1].half_width_ns <= _TIGHT_NS:
+            break
     return min(looks, key=lambda look: look.half_width_ns)
 
 
@@ -97,6 +99,12 @@ class WallClock:
     def __init__(self, read: Callable[[], Clocks] = read_clocks) -> None:
         self._read = read
         self._last = read()
+        self._offset_ns, self._unsure_ns = self._last.offset_ns, self._last.half_width_ns
+
+    @property
+    def unsure_ns(self) -> int:
+        """How far off a conversion may be."""
+        return self._unsure_ns
 
     def monotonic_ns(self) -> int:
         """Return the monotonic clock's time."""
@@ -105,8 +113,11 @@ class WallClock:
     def look(self) -> Step | None:
         """Look at the clocks; return by how much the wall clock was set since the last look."""
         last, self._last = self._last, self._read()
-        step_ns = self._last.offset_ns - last.offset_ns
-        unsure_ns = last.half_width_ns + self._last.half_width_ns
+        step_ns = self._last.offset_ns - self._offset_ns
+        unsure_ns = self._unsure_ns + self._last.half_width_ns
+        if abs(step_ns) <= unsure_ns and 2 * self._last.half_width_ns >= self._unsure_ns:
+            return None  # the same: stamps shall not tremble with each look
+        self._offset_ns, self._unsure_ns = self._last.offset_ns, self._last.half_width_ns
         if abs(step_ns) <= _SMALLEST_STEP_NS + unsure_ns:
             return None
         awake_ns = self._last.monotonic_ns - last.monotonic_ns
@@ -115,8 +126,8 @@ class WallClock:
 
     def system_ns(self, monotonic_ns: int) -> int:
         """Return the system time of a time of the monotonic clock, by the last look."""
-        return monotonic_ns + self._last.offset_ns
+        return monotonic_ns + self._offset_ns
 
     def monotonic_of(self, system_ns: int) -> int:
         """Return the monotonic clock's time of a system time, by the last look."""
-        return system_ns - self._last.offset_ns
+        return system_ns - self._offset_ns

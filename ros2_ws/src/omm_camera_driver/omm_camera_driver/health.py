@@ -57,6 +57,7 @@ def _values(status: Status) -> dict[str, object]:
         "stale": status.stale,
         "unanswered_triggers": status.unanswered_triggers,
         "connections": status.connections,
+        "clock_steps": status.clock_steps,
     }
     granted = status.camera.granted if status.camera is not None else {}
     return {**values, **granted, **status.health}

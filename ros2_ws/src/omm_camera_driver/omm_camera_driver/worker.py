@@ -16,6 +16,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 
+from omm_camera_driver.clocks import WallClock
 from omm_camera_driver.driver import (
     CameraDriver,
     CameraSettings,
@@ -39,7 +40,7 @@ _LOST_NEWS_S = 10.0
 
 @dataclass(kw_only=True, eq=False)
 class _ImageRequest:
-    asked_ns: int
+    asked_ns: int  # monotonic
     deadline_s: float
     future: "Future[int]" = field(default_factory=Future)
 
@@ -53,6 +54,7 @@ class CameraWorker:
     settings : applied at every connection
     listener : gets frames and news
     trigger_timeout_s : how long a triggered image may take
+    wall : the system's clock
     """
 
     def __init__(
@@ -62,11 +64,13 @@ class CameraWorker:
         listener: Listener,
         *,
         trigger_timeout_s: float = 3.0,
+        wall: WallClock | None = None,
     ) -> None:
         self._make_driver = make_driver
         self._settings = settings
         self._listener = listener
         self._trigger_timeout_s = trigger_timeout_s
+        self._wall = wall or WallClock()
         self._status = Status()
         self._requests: deque[_ImageRequest] = deque()
         self._changes: deque[tuple[str, float, Future[float]]] = deque()
@@ -74,7 +78,7 @@ class CameraWorker:
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None
         self._published_at: deque[float] = deque(maxlen=256)
-        self._connected_s = self._lost_s = -math.inf
+        self._connected_s = self._lost_s = self._set_s = -math.inf
         self._last_sequence: int | None = None
 
     # --- called from anywhere ---
@@ -99,8 +103,8 @@ class CameraWorker:
 
     def request_image(self) -> "Future[int]":
         """Ask for one image; the future gives its stamp in ns once it has been published."""
-        now_s = time.monotonic()
-        request = _ImageRequest(asked_ns=time.time_ns(), deadline_s=now_s + self._trigger_timeout_s)
+        now_ns = time.monotonic_ns()
+        request = _ImageRequest(asked_ns=now_ns, deadline_s=now_ns / 1e9 + self._trigger_timeout_s)
         status = self.status()
         if status.state is not WorkerState.STREAMING or self._stopping.is_set():
             request.future.set_exception(DeviceError(why_not(status)))
@@ -138,8 +142,9 @@ class CameraWorker:
         """Return what speaks against a connection that says nothing of itself; mostly nothing."""
         if self._status.state is not WorkerState.STREAMING:
             return ""
-        exposure_s = (self._settings.exposure_us or 0.0) / 1e6
-        period_s = 1.0 / self._settings.frame_rate_hz if self._settings.frame_rate_hz else 0.0
+        exposure_s = (self._granted("exposure_us") or 0.0) / 1e6
+        rate_hz = self._granted("frame_rate_hz")
+        period_s = 1.0 / rate_hz if rate_hz else 0.0
         silent_s = now_s - max([self._connected_s, *list(self._published_at)[-1:]])
         if self._settings.trigger is Trigger.CONTINUOUS and silent_s > (
             _SILENT_S + 2.0 * (exposure_s + period_s)
@@ -147,7 +152,16 @@ class CameraWorker:
             return f"The camera runs by itself, but no image has come for {silent_s:.0f} s."
         if now_s - self._lost_s < _LOST_NEWS_S:
             return f"Images were lost on the way within the last {_LOST_NEWS_S:.0f} s."
+        if now_s - self._set_s < _LOST_NEWS_S:
+            return f"The system's clock was set within the last {_LOST_NEWS_S:.0f} s."
         return ""
+
+    def _granted(self, name: str) -> float | None:
+        """Return exposure or rate: what was asked for, or else what the camera told of itself."""
+        camera = self._status.camera
+        told = camera.granted.get(name) if camera is not None else None
+        asked: float | None = getattr(self._settings, name)
+        return asked or (float(told) if isinstance(told, int | float) else None)
 
     # --- the thread ---
 
@@ -238,6 +252,7 @@ class CameraWorker:
             else:
                 self._take_next(driver, only_asked_for=on_demand)
             if time.monotonic() - checked_s > _CHECK_S:
+                self._was_set()
                 driver.check()
                 self._status = replace(self._status, health=driver.health())
                 checked_s = time.monotonic()
@@ -259,6 +274,7 @@ class CameraWorker:
     def _take_triggered(self, driver: CameraDriver, request: _ImageRequest) -> None:
         """Trigger, and publish the image that was exposed after that, no older one."""
         try:
+            self._was_set()
             driver.flush()
             driver.trigger()
             frame = self._frame_after(driver, request)
@@ -288,12 +304,12 @@ class CameraWorker:
             frame = driver.next_frame(min(left_s, _WAIT_FOR_FRAME_S))
             if frame is None:
                 continue
-            if not self._usable(frame):
+            if not self._usable(frame) or self._was_set():
                 if not retried:  # what was lost on the way is asked for once more
                     retried = True
                     driver.trigger()
                 continue
-            if _is_exposed_after(frame, request.asked_ns):
+            if self._is_exposed_after(frame, request):
                 return frame
             self._status = replace(self._status, stale=self._status.stale + 1)
         return None
@@ -308,15 +324,34 @@ class CameraWorker:
                 self._listener.on_problem(str(error))
             frame = None
         self._expire_requests()
-        if frame is None or not self._usable(frame):
+        was_set = self._was_set()
+        if frame is None or not self._usable(frame) or was_set:
             return
-        answered = [r for r in list(self._requests) if _is_exposed_after(frame, r.asked_ns)]
+        answered = [r for r in list(self._requests) if self._is_exposed_after(frame, r)]
         if only_asked_for and not answered:
             return
         self._publish(frame)
         for request in answered:
             self._requests.remove(request)
             request.future.set_result(frame.exposure_mid_ns)
+
+    def _was_set(self) -> bool:
+        """Look whether the system's clock was set since the last look, and tell it.
+
+        An image of that moment may be stamped by the one or the other: it is not used.
+        """
+        step = self._wall.look()
+        if step is None:
+            return False
+        self._set_s = time.monotonic()
+        self._status = replace(self._status, clock_steps=self._status.clock_steps + 1)
+        self._listener.on_problem(str(step))
+        return True
+
+    def _is_exposed_after(self, frame: Frame, request: _ImageRequest) -> bool:
+        begin_ns = self._wall.monotonic_of(frame.exposure_mid_ns - frame.exposure_ns // 2)
+        unsure_ns = frame.stamp_uncertainty_ns + 2 * self._wall.unsure_ns  # there and back
+        return begin_ns + unsure_ns >= request.asked_ns
 
     def _usable(self, frame: Frame) -> bool:
         """Count what was lost on the way, and tell whether this image is whole."""
@@ -369,8 +404,3 @@ class CameraWorker:
 
 
 _DEAD = "The camera's thread has ended."
-
-
-def _is_exposed_after(frame: Frame, asked_ns: int) -> bool:
-    begin_ns = frame.exposure_mid_ns - frame.exposure_ns // 2
-    return begin_ns + frame.stamp_uncertainty_ns >= asked_ns

@@ -47,6 +47,7 @@ class Status:
     stale: int = 0
     unanswered_triggers: int = 0
     connections: int = 0
+    clock_steps: int = 0
     rate_hz: float = 0.0
     stamp_uncertainty_ns: int = 0
     health: Mapping[str, Any] = field(default_factory=dict)

@@ -6,10 +6,12 @@ Aravis' in-process camera stands in: its registers are written before the driver
 import time
 from collections.abc import Callable, Iterator
 from ctypes import byref, c_size_t, c_uint32, string_at
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from omm_camera_driver.clocks import Clocks, WallClock, read_clocks
 from omm_camera_driver.driver import CameraSettings, Frame
 from omm_camera_driver.drivers.genicam import library
 from omm_camera_driver.drivers.genicam.driver import GenicamDriver
@@ -159,9 +161,36 @@ def test_the_stamp_is_of_the_latched_clock(standard: Make) -> None:
     for frame in frames:
         begin_ns = frame.exposure_mid_ns - frame.exposure_ns // 2
         unsure_ns = frame.stamp_uncertainty_ns
-        assert before_ns - 10**8 < begin_ns - unsure_ns < time.time_ns()
+        assert before_ns - 10**9 < begin_ns - unsure_ns < time.time_ns()
         assert unsure_ns < 10**8
     assert one.driver.health()["clock"] == "latched"
+
+
+def test_a_system_clock_that_is_set_moves_the_stamps_and_not_the_camera_s_clock(
+    standard: Make, arv: library.Aravis
+) -> None:
+    one = standard()
+    step_ns = 0
+
+    def clocks() -> Clocks:
+        now = read_clocks()
+        return replace(now, system_ns=now.system_ns + step_ns)
+
+    def arrived(buffer: int) -> int:
+        return int(arv.buffer_get_system_timestamp(buffer)) + step_ns
+
+    one.driver._wall = WallClock(clocks)
+    one.driver._arv = _Replaced(arv, buffer_get_system_timestamp=arrived)  # type: ignore[assignment]
+    one.driver.open(_SMALL)
+    one.driver.start()
+    for set_by_s in (0, 3600, -3600):
+        step_ns = set_by_s * 10**9
+        frame = _next(one.driver)
+        now_ns = time.time_ns() + step_ns
+        begin_ns = frame.exposure_mid_ns - frame.exposure_ns // 2
+        assert now_ns - 60 * 10**9 < begin_ns < now_ns + frame.stamp_uncertainty_ns
+        assert frame.stamp_uncertainty_ns < 10**8
+        assert one.driver.health()["clock"] == "latched"
 
 
 def test_a_latched_clock_that_is_not_the_stamps_is_told_and_not_used(standard: Make) -> None:

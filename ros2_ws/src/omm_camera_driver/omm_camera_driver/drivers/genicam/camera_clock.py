@@ -18,8 +18,8 @@ from dataclasses import dataclass
 DRIFT_PPM = 100
 _ARRIVALS_KEPT = 200
 _NO_STAMP_NS = 100_000_000  # how late an image may be of which nothing but its arrival is known
-# What would be of the future, or older than a camera can keep an image, is of another clock.
-_FUTURE_NS, _OLDEST_NS = 2_000_000, 300_000_000_000
+# An image is stamped before it arrives, and not long before the end of its exposure.
+_EARLY_NS, _LATE_NS = 5_000_000, 10_000_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,12 +78,27 @@ class CameraClock:
         self._reading = None
         self._arrivals.clear()
 
+    def distrust(self) -> None:
+        """Take no more readings: they are of another clock than the stamps."""
+        self.forget()
+        self.problem = "from arrivals (the camera's clock reads other than it stamps)"
+
+    def can_be(self, camera_ns: int, arrival_ns: int, exposure_ns: int) -> bool:
+        """Return whether an image with this stamp can have arrived when it did."""
+        if self._reading is None or not camera_ns:
+            return True
+        begin_ns = camera_ns + self._reading.difference_ns
+        bound_ns = self._reading.bound_ns(begin_ns)
+        return -bound_ns - _EARLY_NS <= arrival_ns - begin_ns <= exposure_ns + _LATE_NS
+
     def add_reading(self, reading: ClockReading) -> None:
         """Take in a reading.
 
         It is kept if it is tighter than the last one has become, or contradicts it: then the
         camera's clock was set in between (by PTP).
         """
+        if self.problem:
+            return
         self.unread = ""
         if self._reading is not None:
             bound_ns = self._reading.bound_ns(reading.before_ns)
@@ -115,16 +130,10 @@ class CameraClock:
         if not camera_ns:
             self.source = "none"
             return arrival_ns - exposure_ns, exposure_ns + _NO_STAMP_NS
-        if self._reading is not None and not self.problem:
+        if self._reading is not None:
             begin_ns = camera_ns + self._reading.difference_ns
-            bound_ns = self._reading.bound_ns(begin_ns)
-            if -_OLDEST_NS < begin_ns - arrival_ns <= bound_ns + _FUTURE_NS:
-                self.source = "latched"
-                return begin_ns, bound_ns
-            self.problem = (
-                "The camera's clock reads other than it stamps (an image would be "
-                f"{(begin_ns - arrival_ns) / 1e9:+.3f} s from its arrival): arrivals count instead."
-            )
+            self.source = "latched"
+            return begin_ns, self._reading.bound_ns(begin_ns)
         self.source = "from arrivals"
         self.add_arrival(camera_ns, arrival_ns)
         smallest_ns, largest_ns = min(self._arrivals), max(self._arrivals)

@@ -205,9 +205,14 @@ class GenicamDriver:
         if step is not None and step.slept_ns:
             self._clock.forget()
             self._read_clock(times=5)
-        begin_ns, bound_ns = self._clock.exposure_begin(
-            self._arv.buffer_get_timestamp(buffer), arrival_ns, self._exposure_ns
-        )
+        stamped = (self._arv.buffer_get_timestamp(buffer), arrival_ns, self._exposure_ns)
+        if not self._clock.can_be(*stamped):
+            # Its clock was set since it was read, or counts in another unit than its stamps.
+            self._clock.forget()
+            self._read_clock(times=5)
+            if not self._clock.can_be(*stamped):
+                self._clock.distrust()
+        begin_ns, bound_ns = self._clock.exposure_begin(*stamped)
         return self._wall.system_ns(begin_ns), bound_ns
 
     def _read_clock(self, times: int) -> None:

@@ -9,6 +9,7 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
+from omm_camera_driver.clocks import WallClock
 from omm_camera_driver.driver import Camera, CameraSettings, Frame, Trigger, check_range
 from omm_camera_driver.drivers.simulated.cell_view import CellView
 from omm_camera_driver.drivers.simulated.true_poses import TruePoses
@@ -27,9 +28,11 @@ class SimulatedDriver:
     ----------
     view : what it sees
     poses : where the spindle truly is
+    wall : the system's clock; the schedule of the exposures is the monotonic one's
     """
 
-    def __init__(self, view: CellView, poses: TruePoses) -> None:
+    def __init__(self, view: CellView, poses: TruePoses, wall: WallClock | None = None) -> None:
+        self._wall = wall or WallClock()
         self._view = view
         self._poses = poses
         self._exposure_us = view.exposure_ns / 1e3
@@ -68,7 +71,7 @@ class SimulatedDriver:
 
     def start(self) -> None:
         """Begin: with the first exposure at once, or with none before a trigger."""
-        self._next_ns = time.time_ns() if self._continuous else None
+        self._next_ns = time.monotonic_ns() if self._continuous else None
 
     def flush(self) -> None:
         """Forget what has been triggered and not been fetched."""
@@ -77,19 +80,21 @@ class SimulatedDriver:
 
     def trigger(self) -> None:
         """Begin an exposure now."""
-        self._next_ns = time.time_ns()
+        self._next_ns = time.monotonic_ns()
 
     def next_frame(self, timeout_s: float) -> Frame | None:
         """Wait for the end of the exposure and render it."""
-        begin_ns = self._next_ns
+        due_ns = self._next_ns
         exposure_ns = round(self._exposure_us * 1000)
-        wait_s = timeout_s if begin_ns is None else _seconds_until(begin_ns + exposure_ns)
-        if begin_ns is None or wait_s > timeout_s:
+        wait_s = timeout_s if due_ns is None else _seconds_until(due_ns + exposure_ns)
+        if due_ns is None or wait_s > timeout_s:
             time.sleep(max(0.0, timeout_s))
             return None
         time.sleep(wait_s)
         self._sequence += 1
-        self._schedule(begin_ns)
+        self._schedule(due_ns)
+        self._wall.look()
+        begin_ns = self._wall.system_ns(due_ns)
         mid_ns = begin_ns + exposure_ns // 2
         pose_at = self._poses.during(begin_ns, begin_ns + exposure_ns, _POSE_TIMEOUT_S)
         started_s = time.monotonic()
@@ -130,18 +135,18 @@ class SimulatedDriver:
     def close(self) -> None:
         """Do nothing: no device is held."""
 
-    def _schedule(self, begin_ns: int) -> None:
+    def _schedule(self, due_ns: int) -> None:
         if not self._continuous:
             self._next_ns = None
             return
         period_ns = round(1e9 / self._rate_hz)
-        skipped = max(0, (time.time_ns() - begin_ns) // period_ns - 1)
+        skipped = max(0, (time.monotonic_ns() - due_ns) // period_ns - 1)
         self._sequence += skipped
-        self._next_ns = begin_ns + (1 + skipped) * period_ns
+        self._next_ns = due_ns + (1 + skipped) * period_ns
 
 
-def _seconds_until(time_ns: int) -> float:
-    return max(0.0, (time_ns - time.time_ns()) / 1e9)
+def _seconds_until(monotonic_ns: int) -> float:
+    return max(0.0, (monotonic_ns - time.monotonic_ns()) / 1e9)
 
 
 def _bits_of(pixel_format: str) -> int:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omm_camera_driver.clocks import read_clocks
 from omm_camera_driver.driver import Camera, CameraSettings, DeviceLost, Frame, Trigger
 from omm_camera_driver.drivers.v4l2 import videodev
 from omm_camera_driver.drivers.v4l2.controls import Controls
@@ -100,7 +101,7 @@ class V4l2Driver:
         complete = image is not None
         self._errors += not complete
         mid_ns, uncertainty_ns = exposure_middle(
-            buffer.timestamp_ns + _system_minus_monotonic_ns(),
+            buffer.timestamp_ns + read_clocks().offset_ns,
             at_start=buffer.flags & videodev.STAMPED_AT_MASK
             == videodev.STAMPED_AT_START_OF_EXPOSURE,
             exposure_ns=self._exposure_ns,
@@ -289,9 +290,3 @@ def _integer(name: str, text: str) -> int:
         return int(text, 0)
     except ValueError:
         raise InputError(f"controls: expected an integer for {name}, got {text!r}.") from None
-
-
-def _system_minus_monotonic_ns() -> int:
-    before_ns = time.monotonic_ns()
-    system_ns = time.time_ns()
-    return system_ns - (before_ns + time.monotonic_ns()) // 2
