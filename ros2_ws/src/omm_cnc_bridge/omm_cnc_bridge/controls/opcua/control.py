@@ -46,6 +46,8 @@ class OpcUaControl:
         self._thread: threading.Thread | None = None
         self._session: Session | None = None
         self._silent_s = 0.0
+        self._namespaces: list[str] = []
+        self._was_connected = False
 
     @property
     def revised_interval_s(self) -> float | None:
@@ -67,12 +69,18 @@ class OpcUaControl:
             self._security,
             interval_s=1.0 / self._rate_hz,
             clock=self.clock,
+            namespaces=self._namespaces,
             put=self._samples.put,
         )
         self._session = session
         try:
             self._await(session.open(), CONNECT_TIMEOUT_S)
-        except InputError:
+            self._was_connected = True
+        except InputError as error:
+            if self._was_connected:  # a server that starts may not have all its nodes yet
+                raise DeviceError(str(error)) from error
+            raise
+        except DeviceError:
             raise
         except Exception as error:  # asyncua raises of its own, of asyncio's and of ssl's
             text = str(error) or type(error).__name__

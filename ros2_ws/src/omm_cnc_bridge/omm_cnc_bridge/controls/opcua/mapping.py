@@ -27,7 +27,15 @@ OFFSET_ITEMS = ("X", "Y", "Z", "A", "B", "C")
 CORRECTION_ITEMS = ("X", "Y", "Z", "status", "valid")
 LENGTH_UNITS = ("mm", "m", "inch")
 ANGLE_UNITS = ("rad", "deg")
-UNITS = {"mm": 1.0, "m": 1000.0, "inch": 25.4, "rad": 1.0, "deg": 0.017453292519943295}
+UNITS = {
+    "mm": 1.0,
+    "um": 1e-3,
+    "cm": 10.0,
+    "m": 1000.0,
+    "inch": 25.4,
+    "rad": 1.0,
+    "deg": 0.017453292519943295,
+}
 
 
 @dataclass(frozen=True, kw_only=True)

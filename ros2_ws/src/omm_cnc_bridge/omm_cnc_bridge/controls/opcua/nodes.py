@@ -5,8 +5,11 @@ Where the mapping names no axes, they are those of the server's CncInterface (OP
 
 from __future__ import annotations
 
+import math
+
 from asyncua import Client, Node, ua
 
+from omm_cnc_bridge.controls.opcua.addresses import Addresses, child
 from omm_cnc_bridge.controls.opcua.mapping import (
     ANGLE_UNITS,
     TWICE,
@@ -17,9 +20,13 @@ from omm_cnc_bridge.controls.opcua.mapping import (
 from omm_cnc_bridge.controls.opcua.two_measurements import OneMeasurement, TwoMeasurements
 from omm_core.errors import InputError
 
-_UNIT_CODES = {"MMT": "mm", "MTR": "m", "INH": "inch", "C81": "rad", "DD": "deg"}
+_UNIT_CODES = {
+    "MMT": "mm", "MTR": "m", "INH": "inch", "4H": "um", "CMT": "cm", "C81": "rad", "DD": "deg"
+}  # fmt: skip
 _UNIT_WORDS = {
     "mm": "mm",
+    "µm": "um",
+    "cm": "cm",
     "m": "m",
     "in": "inch",
     "inch": "inch",
@@ -69,8 +76,9 @@ class NodeFinder:
         What makes rad of the spindle's angle.
     """
 
-    def __init__(self, client: Client, mapping: Mapping40502) -> None:
+    def __init__(self, client: Client, mapping: Mapping40502, addresses: Addresses) -> None:
         self._client, self._mapping = client, mapping
+        self.addresses = addresses
         self.scales: dict[str, float] = {}
         self.rest_values: dict[str, int] = {}
         self.unusable: dict[str, str] = {}
@@ -92,27 +100,6 @@ class NodeFinder:
         nodes[CLOCK] = self._client.get_node(ua.ObjectIds.Server_ServerStatus_CurrentTime)
         return nodes
 
-    async def find(self, path: str, start: Node | None = None) -> Node:
-        """Return the node of a path or node id; raise InputError where there is none."""
-        if "=" in path.split("/", 1)[0]:
-            return await self._by_id(path)
-        node = start or self._client.nodes.objects
-        for name in path.split("/"):
-            found = await _child(node, name)
-            if found is None:
-                names = [(await c.read_browse_name()).Name for c in await node.get_children()]
-                raise InputError(
-                    f"OPC UA: expected {name} of the path {path}, the server has {names} there."
-                )
-            node = found
-        return node
-
-    async def _by_id(self, text: str) -> Node:
-        if text.startswith("nsu="):
-            uri, rest = text[4:].split(";", 1)
-            text = f"ns={await self._client.get_namespace_index(uri)};{rest}"
-        return self._client.get_node(text)
-
     async def _interface(self) -> Node:
         """Return the server's CncInterface that has axes, at most three levels below Objects.
 
@@ -122,7 +109,7 @@ class NodeFinder:
         for _ in range(3):
             below: list[Node] = []
             for node in level:
-                axes = await _child(node, "CncAxisList")
+                axes = await child(node, "CncAxisList")
                 if axes is not None and await axes.get_children(nodeclassmask=ua.NodeClass.Object):
                     return node
                 if node.nodeid != ua.NodeId(ua.ObjectIds.Server):
@@ -134,14 +121,14 @@ class NodeFinder:
         )
 
     async def _browse_axes(self) -> dict[str, AxisItems]:
-        axis_list = await self.find("CncAxisList", await self._interface())
+        axis_list = await self.addresses.find("CncAxisList", await self._interface())
         axes = {}
         for axis in await axis_list.get_children(nodeclassmask=ua.NodeClass.Object):
             paths = {}
             for item, name in _AXIS_NAMES.items():
-                node = await _child(axis, name)
+                node = await child(axis, name)
                 if node is not None:
-                    paths[item] = node.nodeid.to_string()
+                    paths[item] = await self.addresses.lasting(node)
             positions = [item for item in TWICE if item in paths]
             if len(positions) == 1:
                 paths["position"] = paths.pop(positions[0])
@@ -152,7 +139,12 @@ class NodeFinder:
         return axes
 
     async def _axis_nodes(self, name: str, items: AxisItems) -> dict[Key, Node]:
-        nodes = {(name, item): await self.find(path) for item, path in items.paths.items()}
+        nodes = {
+            (name, item): await self.addresses.variable(path, f"the {item} of axis {name}")
+            if self._mapping.axes
+            else await self.addresses.find(path)  # found by browsing: it is there
+            for item, path in items.paths.items()
+        }
         self.rest_values[name] = items.in_position
         if await _says_true(nodes.pop((name, "virtual"), None)):
             return {}
@@ -186,7 +178,7 @@ class NodeFinder:
         They come with units, and one by one.
         """
         position = nodes[name, item]
-        actual, commanded = await _child(position, "ActPos"), await _child(position, "CmdPos")
+        actual, commanded = await child(position, "ActPos"), await child(position, "CmdPos")
         if actual is not None:
             nodes[name, item] = actual
             if commanded is not None:
@@ -197,31 +189,23 @@ class NodeFinder:
         found: dict[Key, Node | None] = {}
         if self._mapping.axes:
             for item, path in self._mapping.channel.items():
-                found["", item] = await self.find(path)
+                found["", item] = await self.addresses.variable(path, f"{item} of the channel")
         else:
             interface = await self._interface()
             if channel := await _first(interface, "CncChannelList"):
                 for item, name in _CHANNEL_NAMES.items():
-                    found["", item] = await _child(channel, name)
+                    found["", item] = await child(channel, name)
             if spindle := await _first(interface, "CncSpindleList"):
-                found["", "spindle_angle"] = await _child(spindle, "AnglePos")
+                found["", "spindle_angle"] = await child(spindle, "AnglePos")
         nodes = {key: node for key, node in found.items() if node is not None}
         angle = nodes.get(("", "spindle_angle"))
         if angle is not None:
-            actual = await _child(angle, "ActPos") or angle
+            actual = await child(angle, "ActPos") or angle
             nodes["", "spindle_angle"] = actual
-            self.per_angle = UNITS[await _unit(actual) or await _unit(angle) or "deg"]
+            unit = await _unit(actual) or await _unit(angle) or "deg"
+            # Of a unit that is none the angle is not known, which stops no pose.
+            self.per_angle = UNITS[unit] if unit in ANGLE_UNITS else math.nan
         return nodes
-
-
-async def _child(node: Node, name: str) -> Node | None:
-    """Return a child by its browse name; a name without ``ns:`` fits any namespace."""
-    wanted = ua.QualifiedName.from_string(name) if ":" in name else None
-    for reference in await node.get_references(direction=ua.BrowseDirection.Forward):
-        browse_name = reference.BrowseName
-        if browse_name == wanted or (wanted is None and browse_name.Name == name):
-            return Node(node.session, reference.NodeId)
-    return None
 
 
 def _without_unitless(
@@ -258,6 +242,11 @@ def _unit_trouble(units: set[str | None], turns: bool | None) -> str:
     """Return why units give no scale; empty where they do."""
     if None in units:
         return "tells no unit; give it in the mapping file"
+    if unknown := sorted(str(unit) for unit in units if unit not in UNITS):
+        return (
+            f"is told in {', '.join(unknown):.80}, which is none of {', '.join(UNITS)}; give the"
+            " unit in the mapping file"
+        )
     if len(units) > 1:
         return f"has positions in {' and '.join(sorted(str(u) for u in units))}"
     unit = next(iter(units))
@@ -268,14 +257,17 @@ def _unit_trouble(units: set[str | None], turns: bool | None) -> str:
 
 async def _first(interface: Node, name: str) -> Node | None:
     """Return the first object of a list of the interface."""
-    found = await _child(interface, name)
+    found = await child(interface, name)
     objects = await found.get_children(nodeclassmask=ua.NodeClass.Object) if found else []
     return objects[0] if objects else None
 
 
 async def _unit(node: Node) -> str | None:
-    """Return the unit in a variable's EngineeringUnits: by UNECE's code, or in words."""
-    units = await _child(node, "EngineeringUnits")
+    """Return the unit in a variable's EngineeringUnits: by UNECE's code, or in words.
+
+    One that is not known, or whose code and words contradict each other, comes as it is.
+    """
+    units = await child(node, "EngineeringUnits")
     if units is None:
         return None
     try:
@@ -285,4 +277,8 @@ async def _unit(node: Node) -> str | None:
     if not isinstance(value, ua.EUInformation):
         return None
     code = "".join(chr((value.UnitId >> shift) & 0xFF) for shift in (16, 8, 0)).strip("\0")
-    return _UNIT_CODES.get(code) or _UNIT_WORDS.get((value.DisplayName.Text or "").strip().lower())
+    text = (value.DisplayName.Text or "").strip()
+    known = {_UNIT_CODES.get(code), _UNIT_WORDS.get(text.lower())} - {None}
+    if len(known) == 1:
+        return known.pop()
+    return f"{code} ({text})" if known else text or None

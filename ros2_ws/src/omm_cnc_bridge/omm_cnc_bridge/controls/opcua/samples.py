@@ -205,7 +205,7 @@ class SampleMaker:
         actual, commanded = _number(value), _number(wanted)
         why = self._bad.get((axis, item), "")
         if not why and actual is None:
-            why = f"{value!r} is not a number"
+            why = f"{value!r:.80} is not a number"
         return AxisReading(
             actual=None if actual is None or why else actual * scale,
             commanded=None if commanded is None else commanded * scale,

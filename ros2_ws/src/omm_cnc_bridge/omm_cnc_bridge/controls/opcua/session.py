@@ -10,6 +10,7 @@ from asyncua.common.subscription import Subscription
 from omm_cnc_bridge.clock import ControlClock
 from omm_cnc_bridge.control import ControlSample, WorkOffset
 from omm_cnc_bridge.controls.opcua import offsets
+from omm_cnc_bridge.controls.opcua.addresses import Addresses
 from omm_cnc_bridge.controls.opcua.logging_in import Security, log_in
 from omm_cnc_bridge.controls.opcua.mapping import Mapping40502
 from omm_cnc_bridge.controls.opcua.nodes import CLOCK, POSITIONS, Key, NodeFinder
@@ -30,8 +31,10 @@ class Session:
         *,
         interval_s: float,
         clock: ControlClock,
+        namespaces: list[str],
         put: Callable[[ControlSample | DeviceError], None],
     ) -> None:
+        self._namespaces = namespaces
         self._url, self._security, self._mapping = url, security, mapping
         self._client = Client(url, timeout=4.0, watchdog_intervall=2.0)
         self._interval_s = interval_s
@@ -51,7 +54,8 @@ class Session:
         notes = await log_in(self._client, self._url, self._security)
         await self._client.load_data_type_definitions()
         self._client.connection_lost_callback = self._on_lost
-        finder = NodeFinder(self._client, self._mapping)
+        addresses = Addresses(self._client, self._namespaces)
+        finder = NodeFinder(self._client, self._mapping, addresses)
         nodes = await finder.nodes()
         self._samples = SampleMaker(
             finder,
@@ -63,11 +67,17 @@ class Session:
             put=self._put,
         )
         if self._mapping.acknowledge:
-            self._acknowledge = await finder.find(self._mapping.acknowledge)
+            self._acknowledge = await addresses.variable(self._mapping.acknowledge, "acknowledge")
         for name, offset in self._mapping.offsets.items():
-            self._offsets[name] = {i: await finder.find(p) for i, p in offset.paths.items()}
+            self._offsets[name] = {
+                i: await addresses.variable(p, f"{i} of the offset {name}")
+                for i, p in offset.paths.items()
+            }
         if (correction := self._mapping.correction) is not None:
-            self.correction_nodes = {i: await finder.find(p) for i, p in correction.paths.items()}
+            self.correction_nodes = {
+                i: await addresses.variable(p, f"{i} of the correction")
+                for i, p in correction.paths.items()
+            }
         await self._subscribe(nodes)
 
     async def close(self) -> None:
@@ -104,7 +114,11 @@ class Session:
             )
             (made,) = await subscription.create_monitored_items([request])
             if isinstance(made, ua.StatusCode):
-                made.check()  # raises: an item is made, or its status is a bad one
+                what = f"{key[1]} of axis {key[0]}" if key[0] else key[1]
+                raise DeviceError(
+                    f"OPC UA: the server does not report {what}"
+                    f" ({node.nodeid.to_string()}): {made.name}."
+                )
 
     async def _interval_to_ask_for(
         self, subscription: Subscription, nodes: dict[Key, Node]
