@@ -48,7 +48,7 @@ def _driven(arguments: argparse.Namespace) -> Path:
     from omm_ros import transport
     from omm_ros.environment import check_environment
 
-    check_environment()
+    check_environment(discovery=False)
     transport.prepare()
     from rich.console import Console
 

@@ -1,5 +1,6 @@
 """The operator's part in a measurement: press cycle start, watch, read the result."""
 
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,11 +14,12 @@ from rclpy.signals import SignalHandlerOptions
 from rich.console import Console
 from std_srvs.srv import Trigger
 
-from omm_core.errors import MeasurementError
+from omm_core.errors import InputError, MeasurementError
 from omm_operator.estimate_table import estimate_table
 from omm_operator.view import OperatorView
 from omm_ros import node_help, topics, transport
 from omm_ros.diagnostics import line_name
+from omm_ros.environment import check_environment
 from omm_ros.interrupt import told_to_end
 from omm_ros.node_main import end_with_parent
 
@@ -162,6 +164,11 @@ def main(args: list[str] | None = None) -> int:
     if node_help.asked(args):
         print(node_help.help_text(measure.__doc__ or "", NoParameters), end="")
         return 0
+    try:
+        check_environment()
+    except InputError as error:
+        print(f"omm: {error}", file=sys.stderr)
+        return 2
     end_with_parent()
     transport.prepare(args)
     console = Console()

@@ -23,6 +23,7 @@ from omm_recording.reading import RecordedMessage, Recording
 from omm_recording.rosbag2_format import TopicQos, parsed_qos
 from omm_ros import node_help
 from omm_ros.conversions import time_from_ns
+from omm_ros.environment import check_environment
 from omm_ros.parameters import declare, network_parameter, parameter
 from omm_ros.published import CountingNode
 
@@ -285,6 +286,7 @@ def main(args: list[str] | None = None) -> int:
         print(node_help.help_text(ReplayNode.__doc__ or "", ReplayParameters), end="")
         return 0
     try:
+        check_environment()
         return replay(arguments=args)
     except InputError as error:
         print(f"omm: {error}", file=sys.stderr)

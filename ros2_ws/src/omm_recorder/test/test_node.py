@@ -37,6 +37,7 @@ from omm_recording.run_files import UNFINISHED
 from omm_recording.verifying import verify
 from omm_ros import transport
 from omm_ros.diagnostics import Diagnostics
+from omm_ros.environment import PROFILE_VARIABLES
 from omm_ros.published import CountingLifecycleNode, CountingNode, published
 from omm_runs.recorded_estimator import left_out, options_from
 from omm_runs.solving import SolveRunOptions, solve_run
@@ -94,7 +95,7 @@ def start(domain: None, python_environment: dict[str, str]) -> Iterator[Callable
         process.stderr.close()
 
 
-_OURS = ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE", *transport.PROFILE_VARIABLES)
+_OURS = ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE", *PROFILE_VARIABLES)
 
 
 def wait_for(condition: Callable[[], Any], what: str, seconds: float = 60.0) -> None:

@@ -20,9 +20,8 @@ from ament_index_python.packages import get_package_share_directory
 
 from omm_core.errors import InputError
 from omm_core.files.yaml_input import read_yaml
+from omm_ros.environment import PROFILE_VARIABLES
 from omm_ros.shared_memory import remove_leftovers
-
-PROFILE_VARIABLES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")
 
 # glibc, malloc.h
 _M_TRIM_THRESHOLD = -1
@@ -37,7 +36,8 @@ def prepare(arguments: list[str] | None = None) -> None:
     ----------
     arguments : command line without the program's name; default: the process's
     """
-    if not any(name in os.environ for name in PROFILE_VARIABLES):
+    # One that is set, but empty, would leave the interfaces open.
+    if not any(os.environ.get(name) for name in PROFILE_VARIABLES):
         words = sys.argv[1:] if arguments is None else arguments
         opened = os.environ.get("OMM_NETWORK") == "1" or network_is_asked_for(words)
         name = "fastdds_network.xml" if opened else "fastdds.xml"

@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
     from omm_ros import transport
     from omm_ros.environment import check_environment
 
-    check_environment()
+    check_environment(discovery=False)
     transport.prepare()
     from rich.console import Console
 
