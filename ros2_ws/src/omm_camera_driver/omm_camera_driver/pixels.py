@@ -33,6 +33,8 @@ _COLOURS = {
 # The packed formats are read in groups of whole pixels and whole bytes.
 _GROUP_BITS = {MONO10_PACKED: 24, MONO12_PACKED: 24, MONO10P: 40, MONO12P: 24}
 
+_STRIDE, _DARK = 4, 0.03
+
 _UNPACKED_SHIFT = {MONO10: 6, MONO12: 4, MONO14: 2, MONO16: 0}
 
 
@@ -156,3 +158,26 @@ def mono_from_yuyv(
     """Return the brightness of a YUYV image, (height, width); a copy."""
     rows = data[: row_bytes * height].reshape(height, row_bytes)
     return rows[:, : 2 * width : 2].copy()
+
+
+def without_contrast(image: NDArray[np.generic]) -> str:
+    """Return what is to be said of an image on which nothing can be seen; mostly nothing.
+
+    Every fourth pixel of every fourth row tells: a target's dot is larger than that.
+    """
+    seen = image[::_STRIDE, ::_STRIDE]
+    if not seen.size:
+        return ""
+    full = float(2 ** (8 * image.itemsize) - 1)
+    low, high = float(seen.min()) / full, float(seen.max()) / full
+    if high < _DARK:
+        return (
+            f"The last image is black (no pixel above {100 * high:.0f} % of full scale). Is the "
+            "lens cap off, the light on, the exposure time long enough?"
+        )
+    if low > 1.0 - _DARK:
+        return (
+            "The last image is white (every pixel at full scale). Shorten the exposure time, or "
+            "lower the gain."
+        )
+    return ""

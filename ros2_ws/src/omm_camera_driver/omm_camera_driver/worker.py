@@ -24,6 +24,7 @@ from omm_camera_driver.driver import (
     FrameLost,
     Trigger,
 )
+from omm_camera_driver.pixels import without_contrast
 from omm_camera_driver.worker_status import Listener, Status, WorkerState, why_not
 from omm_core.errors import DeviceError, InputError, OmmError
 from omm_core.words import of_error
@@ -80,6 +81,7 @@ class CameraWorker:
         self._published_at: deque[float] = deque(maxlen=256)
         self._connected_s = self._lost_s = self._set_s = -math.inf
         self._last_sequence: int | None = None
+        self._shows_nothing = ""
 
     # --- called from anywhere ---
 
@@ -154,7 +156,7 @@ class CameraWorker:
             return f"Images were lost on the way within the last {_LOST_NEWS_S:.0f} s."
         if now_s - self._set_s < _LOST_NEWS_S:
             return f"The system's clock was set within the last {_LOST_NEWS_S:.0f} s."
-        return ""
+        return self._shows_nothing
 
     def _granted(self, name: str) -> float | None:
         """Return exposure or rate: what was asked for, or else what the camera told of itself."""
@@ -198,6 +200,7 @@ class CameraWorker:
         camera = driver.open(self._settings)
         driver.start()
         self._last_sequence = None
+        self._shows_nothing = ""
         self._connected_s = time.monotonic()
         self._status = replace(
             self._status,
@@ -371,6 +374,7 @@ class CameraWorker:
     def _publish(self, frame: Frame) -> None:
         self._listener.on_frame(frame)
         self._published_at.append(time.monotonic())
+        self._shows_nothing = without_contrast(frame.image)
         self._status = replace(
             self._status,
             problem="",

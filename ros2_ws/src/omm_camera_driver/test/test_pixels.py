@@ -104,3 +104,14 @@ def test_bytes_after_each_row_are_left_out() -> None:
 def test_packed_pixels_that_end_within_a_byte_are_refused() -> None:
     with pytest.raises(DeviceError, match="roi_width_px"):
         pixels.mono_from_genicam(np.zeros(100, np.uint8), pixels.MONO10P, 5, 3)
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+def test_an_image_on_which_nothing_can_be_seen_is_told(kind: type[np.generic]) -> None:
+    full = np.iinfo(kind).max
+    black, white = np.zeros((40, 60), kind), np.full((40, 60), full, kind)
+    assert "black" in pixels.without_contrast(black)
+    assert "white" in pixels.without_contrast(white)
+    for image in (black, white):
+        image[11:16, 21:26] = full // 2  # a dot of five pixels
+        assert pixels.without_contrast(image) == ""

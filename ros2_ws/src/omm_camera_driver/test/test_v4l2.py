@@ -9,9 +9,11 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from omm_camera_driver.drivers.v4l2 import videodev
-from omm_camera_driver.drivers.v4l2.controls import control_name
+from omm_camera_driver.driver import CameraSettings
+from omm_camera_driver.drivers.v4l2 import devices, sizes, videodev
+from omm_camera_driver.drivers.v4l2.controls import Controls, FoundControl, control_name
 from omm_camera_driver.drivers.v4l2.driver import exposure_middle, mono_image
+from omm_core.errors import DeviceError
 
 
 def _vivid_vm() -> ModuleType:
@@ -42,6 +44,7 @@ def test_the_driver_in_a_machine_with_a_virtual_camera() -> None:
         ("QBUF", 0xC058560F), ("DQBUF", 0xC0585611), ("STREAMON", 0x40045612),
         ("STREAMOFF", 0x40045613), ("G_PARM", 0xC0CC5615), ("S_PARM", 0xC0CC5616),
         ("G_CTRL", 0xC008561B), ("S_CTRL", 0xC008561C), ("QUERYCTRL", 0xC0445624),
+        ("ENUM_FRAMESIZES", 0xC02C564A),
     ],
 )  # fmt: skip
 def test_requests_are_the_kernel_s(name: str, number: int) -> None:
@@ -131,3 +134,73 @@ def test_an_unknown_readout_is_within_the_uncertainty(readout_ns: int) -> None:
 def test_control_names_are_those_of_v4l2_ctl() -> None:
     assert control_name("Exposure Time, Absolute") == "exposure_time_absolute"
     assert control_name("Percentage of Dropped Buffers") == "percentage_of_dropped_buffers"
+
+
+# --- what a former user left, and what the user did not say ---
+
+
+def found(path: str, bus: str, problem: str = "") -> devices.FoundDevice:
+    return devices.FoundDevice(path=path, driver="uvc", card="Cam", bus=bus, problem=problem)
+
+
+def test_of_several_devices_none_is_taken_at_random(monkeypatch: pytest.MonkeyPatch) -> None:
+    there = [found("/dev/video0", "usb-1"), found("/dev/video2", "usb-2")]
+    monkeypatch.setattr(devices, "devices", lambda: there)
+    with pytest.raises(DeviceError, match=r"one video device, found /dev/video0 .*/dev/video2"):
+        devices.find("")
+    assert devices.find("/dev/video2") == there[1]
+    assert devices.find("usb-1") == there[0]
+    monkeypatch.setattr(devices, "devices", lambda: [there[0], found("/dev/video1", "usb-1", "x")])
+    assert devices.find("") == there[0]
+
+
+def test_a_size_that_a_former_user_left_is_told() -> None:
+    single = videodev.FrameSize(type=videodev.SINGLE_SIZE)
+    single.sizes.min_width, single.sizes.max_width = 2592, 1944
+    span = videodev.FrameSize(type=3)
+    span.sizes.max_width, span.sizes.max_height = 640, 480
+    assert (single.largest, span.largest) == ((2592, 1944), (640, 480))
+    assert sizes.largest_size([span, single]) == 2592 * 1944
+    assert sizes.largest_size([]) == 0
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"), [(CameraSettings(), 1), (CameraSettings(width_px=640), 0)]
+)
+def test_a_small_size_is_told_unless_it_was_asked_for(
+    monkeypatch: pytest.MonkeyPatch, settings: CameraSettings, told: int
+) -> None:
+    def call(_fd: int, _request: int, size: videodev.FrameSize) -> videodev.FrameSize:
+        if size.index:
+            raise DeviceError("that was the last one")
+        size.type = videodev.SINGLE_SIZE
+        size.sizes.min_width, size.sizes.max_width = 1920, 1080
+        return size
+
+    monkeypatch.setattr(videodev, "call", call)
+    assert len(sizes.smaller_than_it_can(0, pix("GREY", 640, 480), settings)) == told
+    assert sizes.smaller_than_it_can(0, pix("GREY", 1920, 1080), CameraSettings()) == ()
+
+
+def test_a_mirroring_that_a_former_user_left_is_taken_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    values = {1: 1, 2: 0}
+
+    def call(_fd: int, request: int, control: videodev.Control) -> videodev.Control:
+        if request == videodev.S_CTRL:
+            values[control.id] = control.value
+        control.value = values[control.id]
+        return control
+
+    monkeypatch.setattr(videodev, "call", call)
+    controls = Controls.__new__(Controls)
+    controls._fd = 0
+    controls.found = {
+        name: FoundControl(id=number, name=name, type=2, minimum=0, maximum=1)
+        for name, number in (("horizontal_flip", 1), ("vertical_flip", 2))
+    }
+    assert controls.take_back(keep={"horizontal_flip": "1"}) == ()
+    (note,) = controls.take_back(keep={})
+    assert "horizontal_flip was 1" in note
+    assert values == {1: 0, 2: 0}

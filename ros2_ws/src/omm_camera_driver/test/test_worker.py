@@ -2,13 +2,17 @@
 
 import threading
 import time
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from omm_camera_driver import worker as worker_module
 from omm_camera_driver.driver import Camera, CameraSettings, Frame, Trigger
+from omm_camera_driver.parameters import Parameters, camera_settings
 from omm_camera_driver.worker import CameraWorker
 from omm_camera_driver.worker_status import WorkerState
-from omm_core.errors import DeviceError
+from omm_core.errors import DeviceError, InputError
 
 WAIT_S = 10.0
 
@@ -115,6 +119,12 @@ def _until(condition: object) -> None:
         time.sleep(0.02)
 
 
+@pytest.fixture(autouse=True)
+def soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A camera is called silent after 0.4 s here: the tests need not wait for longer."""
+    monkeypatch.setattr(worker_module, "_SILENT_S", 0.4)
+
+
 @pytest.fixture
 def running() -> object:
     started: list[CameraWorker] = []
@@ -140,7 +150,7 @@ def test_a_camera_that_runs_by_itself_and_sends_nothing_is_told(running) -> None
 
 def test_a_trigger_without_an_image_is_told_until_one_comes(running) -> None:  # type: ignore[no-untyped-def]
     worker = running(_SilentDriver(), Trigger.SOFTWARE, _Calm())
-    time.sleep(3.5)  # nobody asks, so nothing is wrong
+    time.sleep(0.6)  # nobody asks, so nothing is wrong
     assert worker.status().problem == ""
     assert worker.request_image().exception(WAIT_S) is not None
     assert "Expected an image within 0.2 s" in worker.status().problem
@@ -168,3 +178,34 @@ def test_a_camera_that_cannot_be_closed_is_told(running) -> None:  # type: ignor
     worker = running(_SilentDriver(), Trigger.SOFTWARE, listener)
     worker.stop(WAIT_S)
     assert any("could not be closed: the handle is gone" in p for p in listener.problems)
+
+
+def _frame(sequence: int, grey: int) -> Frame:
+    return Frame(
+        image=np.full((8, 8), grey, np.uint8), exposure_mid_ns=time.time_ns(), exposure_ns=0,
+        stamp_uncertainty_ns=0, sequence=sequence,
+    )  # fmt: skip
+
+
+def test_black_images_are_published_and_told_until_one_is_not(running) -> None:  # type: ignore[no-untyped-def]
+    driver = _SilentDriver([_frame(1, 0)])
+    worker = running(driver, Trigger.CONTINUOUS, _Calm())
+    _until(lambda: "is black" in worker.status().problem)
+    assert worker.status().published == 1
+    driver.frames.append(_frame(2, 90))
+    _until(lambda: worker.status().problem == "")
+
+
+def test_a_camera_whose_own_rate_is_slow_is_not_called_silent(running) -> None:  # type: ignore[no-untyped-def]
+    driver = _SilentDriver()
+    open_ = driver.open
+    driver.open = lambda settings: replace(open_(settings), granted={"frame_rate_hz": 0.1})  # type: ignore[method-assign]
+    worker = running(driver, Trigger.CONTINUOUS, _Calm())
+    time.sleep(0.6)
+    assert worker.status().problem == ""
+
+
+def test_an_exposure_longer_than_a_trigger_may_take_is_refused() -> None:
+    with pytest.raises(InputError, match="trigger_timeout_s longer than the exposure of 5 s"):
+        camera_settings(Parameters(trigger="software", exposure_us=5e6))
+    assert camera_settings(Parameters(exposure_us=5e6)).exposure_us == 5e6

@@ -25,7 +25,7 @@ _TEMPERATURES = (b"DeviceTemperature", b"DeviceTemperatureRaw")
 _NEUTRAL: dict[str, int | str] = {
     "BinningHorizontal": 1, "BinningVertical": 1, "DecimationHorizontal": 1,
     "DecimationVertical": 1, "ReverseX": False, "ReverseY": False, "ChunkModeActive": False,
-    "TestPattern": "Off", "ExposureMode": "Timed",
+    "TestPattern": "Off", "SequencerMode": "Off", "ExposureMode": "Timed",
 }  # fmt: skip
 
 

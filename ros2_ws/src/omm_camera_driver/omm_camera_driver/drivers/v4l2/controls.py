@@ -1,6 +1,7 @@
 """Controls of a V4L2 device, by name: found, checked against their ranges, set, read back."""
 
 import re
+from collections.abc import Container
 from dataclasses import dataclass
 
 from omm_camera_driver.driver import check_range
@@ -11,6 +12,7 @@ from omm_core.errors import DeviceError, InputError
 _EXPOSURE = ("exposure_time_absolute", "exposure_absolute")
 _EXPOSURE_STEP_US = 100.0  # V4L2_CID_EXPOSURE_ABSOLUTE counts in 100 µs
 _GAIN = ("gain", "analogue_gain")
+_MIRRORS = ("horizontal_flip", "vertical_flip")
 _AUTOMATICS = {
     "exposure_us": (("auto_exposure", 1), ("exposure_auto", 1)),  # 1 is "manual"
     "gain": (("autogain", 0), ("gain_automatic", 0)),
@@ -65,6 +67,15 @@ class Controls:
         except DeviceError as error:
             raise InputError(f"Control {name} does not take {value}: {error}") from error
         return value if control.type == videodev.CONTROL_BUTTON else self.get(name)
+
+    def take_back(self, keep: Container[str]) -> tuple[str, ...]:
+        """Undo a mirroring of a former user, which no target survives; return what was told."""
+        notes = []
+        for name in _MIRRORS:
+            if name in self.found and name not in keep and self.get(name):
+                now = self.set_named(name, 0)
+                notes.append(f"{name} was 1, left by a former user; it is {now} now.")
+        return tuple(notes)
 
     def get(self, name: str) -> int:
         """Return the value of a control."""

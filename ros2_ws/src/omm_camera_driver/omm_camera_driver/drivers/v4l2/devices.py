@@ -37,11 +37,16 @@ def find(device: str) -> FoundDevice:
     Raises
     ------
     DeviceError
-        There is none that can be used.
+        There is none that can be used, or several.
     """
     there = devices()
     meant = [d for d in there if device in (d.path, d.card, d.bus)] if device else there
     usable = [d for d in meant if not d.problem]
+    if len(usable) > 1 and len({(d.bus, d.card) for d in usable}) > 1:
+        told = ", ".join(f"{d.path} ({d.card})" for d in usable)
+        raise DeviceError(
+            f"Expected one video device, found {told}. Name one in the parameter device."
+        )
     if usable:
         return usable[0]
     if device and os.path.exists(device):

@@ -16,6 +16,7 @@ from omm_camera_driver.driver import Camera, CameraSettings, DeviceLost, Frame, 
 from omm_camera_driver.drivers.v4l2 import videodev
 from omm_camera_driver.drivers.v4l2.controls import Controls
 from omm_camera_driver.drivers.v4l2.devices import find, open_device
+from omm_camera_driver.drivers.v4l2.sizes import smaller_than_it_can
 from omm_camera_driver.pixels import mono_from_yuyv
 from omm_core.errors import DeviceError, InputError
 
@@ -61,6 +62,7 @@ class V4l2Driver:
                 self._controls.set(name, value)
         if settings.black_level is not None:
             self._controls.set_named("black_level", round(settings.black_level))
+        notes = self._controls.take_back(keep=settings.controls)
         for name, text in settings.controls.items():
             self._controls.set_named(name, _integer(name, text))
         self._exposure_ns = self._controls.exposure_ns()
@@ -74,6 +76,7 @@ class V4l2Driver:
         return Camera(
             vendor=found.driver, model=found.card, serial=found.bus, address=found.path,
             has_software_trigger=False, granted=granted,
+            notes=(*notes, *smaller_than_it_can(self._fd, self._pix, settings)),
         )  # fmt: skip
 
     def start(self) -> None:

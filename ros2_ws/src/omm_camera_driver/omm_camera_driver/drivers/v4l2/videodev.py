@@ -18,6 +18,7 @@ MMAP = 1  # V4L2_MEMORY_MMAP
 CAP_VIDEO_CAPTURE, CAP_STREAMING, CAP_DEVICE_CAPS = 0x1, 0x04000000, 0x80000000
 CAN_SET_INTERVAL = 0x1000  # V4L2_CAP_TIMEPERFRAME
 BUFFER_ERROR = 0x40
+SINGLE_SIZE = 1  # V4L2_FRMSIZE_TYPE_DISCRETE
 TIMESTAMP_MASK, TIMESTAMP_MONOTONIC = 0xE000, 0x2000
 STAMPED_AT_MASK, STAMPED_AT_START_OF_EXPOSURE = 0x70000, 0x10000
 CONTROL_DISABLED, CONTROL_NEXT = 0x1, 0x80000000
@@ -63,6 +64,33 @@ class PixelFormat(ctypes.Structure):
         ("priv", c_uint32), ("flags", c_uint32), ("ycbcr_enc", c_uint32),
         ("quantization", c_uint32), ("xfer_func", c_uint32),
     ]  # fmt: skip
+
+
+class _Stepwise(ctypes.Structure):
+    _fields_ = [
+        ("min_width", c_uint32), ("max_width", c_uint32), ("step_width", c_uint32),
+        ("min_height", c_uint32), ("max_height", c_uint32), ("step_height", c_uint32),
+    ]  # fmt: skip
+
+
+class FrameSize(ctypes.Structure):
+    """One size, or a range of sizes, of a format (v4l2_frmsizeenum).
+
+    Of a single one (type 1), `min_width` and `max_width` are its width and height.
+    """
+
+    _fields_ = [
+        ("index", c_uint32), ("pixel_format", c_uint32), ("type", c_uint32),
+        ("sizes", _Stepwise), ("reserved", c_uint32 * 2),
+    ]  # fmt: skip
+
+    @property
+    def largest(self) -> tuple[int, int]:
+        """Width and height of the largest."""
+        sizes = self.sizes
+        if self.type == SINGLE_SIZE:
+            return int(sizes.min_width), int(sizes.max_width)
+        return int(sizes.max_width), int(sizes.max_height)
 
 
 class _FormatUnion(ctypes.Union):
@@ -177,6 +205,7 @@ S_PARM = _request(_READ | _WRITE, 22, StreamParameters)
 G_CTRL = _request(_READ | _WRITE, 27, Control)
 S_CTRL = _request(_READ | _WRITE, 28, Control)
 QUERYCTRL = _request(_READ | _WRITE, 36, ControlDescription)
+ENUM_FRAMESIZES = _request(_READ | _WRITE, 74, FrameSize)
 
 _NAMES = {value: name for name, value in globals().items() if name.isupper()}
 
