@@ -52,3 +52,56 @@ def test_orientation_turns_nothing(tmp_path: Path) -> None:
     path = tmp_path / "turned.jpg"
     Image.fromarray(np.zeros((30, 50), dtype=np.uint8)).save(path, exif=exif)
     assert read_grey(path).shape == (30, 50)
+
+
+def _drawn(colour: bool, **options: object) -> bytes:
+    import io
+
+    from PIL import Image
+
+    pixels = np.random.default_rng(3).integers(0, 255, (121, 165, 3), dtype=np.uint8)
+    image = Image.fromarray(cv2.GaussianBlur(pixels, (0, 0), 2.0))
+    stream = io.BytesIO()
+    (image if colour else image.convert("L")).save(stream, "JPEG", **options)
+    return stream.getvalue()
+
+
+RESTARTS = {"restart_marker_blocks": 5}
+
+
+def _marked(data: bytes, markers: range) -> list[int]:
+    return [i for i in range(len(data) - 1) if data[i] == 0xFF and data[i + 1] in markers]
+
+
+@pytest.mark.parametrize("colour", [False, True])
+@pytest.mark.parametrize("more", [{}, {"progressive": True}, {"subsampling": "4:2:2"}])
+def test_restart_markers_and_scans_of_a_whole_jpeg_do_no_harm(tmp_path, colour, more):
+    path = tmp_path / "a.jpg"
+    path.write_bytes(_drawn(colour, **RESTARTS, **more))
+    assert read_grey(path).shape == (121, 165)
+
+
+@pytest.mark.parametrize("colour", [False, True])
+@pytest.mark.parametrize("progressive", [False, True])
+def test_a_jpeg_that_lacks_an_interval_is_refused(tmp_path, colour, progressive):
+    """OpenCV reads each of them, and fills what is missing with grey."""
+    data = _drawn(colour, progressive=progressive, **RESTARTS)
+    marks = _marked(data, range(0xD0, 0xD8))
+    middle = len(marks) // 2
+    cut = data[: marks[middle]] + b"\xff\xd9"
+    lost = data[: marks[middle]] + data[marks[middle + 1] :]
+    hole = data[: marks[middle] + 2] + data[marks[middle + 1] :]
+    path = tmp_path / "a.jpg"
+    for damaged in (cut, lost, hole):
+        path.write_bytes(damaged)
+        with pytest.raises(InputError, match="cut off"):
+            read_grey(path)
+
+
+def test_a_progressive_jpeg_that_lacks_its_last_scans_is_refused(tmp_path):
+    data = _drawn(True, progressive=True)
+    path = tmp_path / "a.jpg"
+    for scan in _marked(data, range(0xDA, 0xDB))[1:]:
+        path.write_bytes(data[:scan] + b"\xff\xd9")
+        with pytest.raises(InputError, match="never came to their last bit"):
+            read_grey(path)

@@ -3,7 +3,8 @@
 Whether a JPEG is whole is decided by decoding. Its end is found by walking its segments, so bytes
 behind it (motion photographs, padding) do no harm. OpenCV fills what is missing with grey and says
 nothing; so the scan is decoded a second time with noise in front of the end marker: a whole image
-never reads it, one that is cut short does, and its pixels change (ITU-T T.81, B.1 and F.2.2).
+never reads it, one that is cut short does, and its pixels change (ITU-T T.81, B.1 and F.2.2). Cuts
+at restart markers and between scans are seen by what the headers promise (`jpeg_scans`).
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 
 from omm_core.errors import InputError
 from omm_core.files.outside import read_bytes
+from omm_core.imaging.jpeg_scans import scans_of
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm")
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
@@ -86,7 +88,10 @@ def _decoded(path: Path, data: bytes) -> Pixels:
     if image is None or image.dtype not in (np.uint8, np.uint16):
         raise InputError(f"{path}: not an image of 8 or 16 bit, or damaged; skipped.")
     if data.startswith(b"\xff\xd8"):
-        longer = data[: end - 2] + _NOISE + b"\xff\xd9"
+        scans = scans_of(data[:end])
+        if scans.trouble:
+            raise InputError(f"{path}: the file is cut off or damaged ({scans.trouble}); skipped.")
+        longer = scans.with_noise(data[: end - 2], _NOISE) + _NOISE + b"\xff\xd9"
         if not np.array_equal(_quietly(path, data[:end]), _quietly(path, longer)):
             raise InputError(f"{path}: the file is cut off; skipped.")
     return cast("Pixels", np.ascontiguousarray(image.reshape(image.shape[:2])))
