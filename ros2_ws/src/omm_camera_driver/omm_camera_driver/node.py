@@ -21,7 +21,7 @@ from omm_camera_driver.drivers.choosing import DRIVERS
 from omm_camera_driver.drivers.simulated.true_pose_listener import TruePoseListener
 from omm_camera_driver.drivers.simulated.true_poses import TruePoses
 from omm_camera_driver.health import connection_health
-from omm_camera_driver.parameters import Parameters, camera_settings
+from omm_camera_driver.parameters import Parameters, camera_settings, check_exposure
 from omm_camera_driver.worker import CameraWorker
 from omm_core.errors import DeviceError, InputError, OmmError
 from omm_core.words import keyed
@@ -53,6 +53,7 @@ class CameraNode(CountingLifecycleNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Read the calibration and prepare the driver; the camera itself is not touched yet."""
         try:
+            check_exposure(self._wanted)
             self._info = self._camera_info()
             self._poses = TruePoses()
             make_driver = DRIVERS[self._wanted.driver](self._wanted, self._poses)

@@ -95,15 +95,8 @@ def camera_settings(parameters: Parameters) -> CameraSettings:
     Raises
     ------
     InputError
-        One of `controls` is not name=value, or a triggered image cannot come in time.
+        One of `controls` is not name=value.
     """
-    trigger = Trigger(parameters.trigger)
-    exposure_s, timeout_s = parameters.exposure_us / 1e6, parameters.trigger_timeout_s
-    if trigger is Trigger.SOFTWARE and exposure_s >= timeout_s:
-        raise InputError(
-            f"Expected trigger_timeout_s longer than the exposure of {exposure_s:g} s, got "
-            f"{timeout_s:g} s."
-        )
     return CameraSettings(
         exposure_us=parameters.exposure_us or None,
         gain=_number(parameters.gain),
@@ -114,11 +107,27 @@ def camera_settings(parameters: Parameters) -> CameraSettings:
         height_px=parameters.roi_height_px or None,
         offset_x_px=parameters.roi_x_px,
         offset_y_px=parameters.roi_y_px,
-        trigger=trigger,
+        trigger=Trigger(parameters.trigger),
         trigger_line=parameters.trigger_line,
         strobe_line=parameters.strobe_line,
         controls=dict(_control(text) for text in parameters.controls if text),
     )
+
+
+def check_exposure(parameters: Parameters) -> None:
+    """Refuse an exposure that no triggered image can be waited for.
+
+    Raises
+    ------
+    InputError
+        It is as long as a triggered image may take.
+    """
+    exposure_s, timeout_s = parameters.exposure_us / 1e6, parameters.trigger_timeout_s
+    if Trigger(parameters.trigger) is Trigger.SOFTWARE and exposure_s >= timeout_s:
+        raise InputError(
+            f"Expected trigger_timeout_s longer than the exposure of {exposure_s:g} s, got "
+            f"{timeout_s:g} s."
+        )
 
 
 def _number(value: float) -> float | None:

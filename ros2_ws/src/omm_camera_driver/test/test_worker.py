@@ -9,7 +9,7 @@ import pytest
 
 from omm_camera_driver import worker as worker_module
 from omm_camera_driver.driver import Camera, CameraSettings, Frame, Trigger
-from omm_camera_driver.parameters import Parameters, camera_settings
+from omm_camera_driver.parameters import Parameters, check_exposure
 from omm_camera_driver.worker import CameraWorker
 from omm_camera_driver.worker_status import WorkerState
 from omm_core.errors import DeviceError, InputError
@@ -207,5 +207,6 @@ def test_a_camera_whose_own_rate_is_slow_is_not_called_silent(running) -> None: 
 
 def test_an_exposure_longer_than_a_trigger_may_take_is_refused() -> None:
     with pytest.raises(InputError, match="trigger_timeout_s longer than the exposure of 5 s"):
-        camera_settings(Parameters(trigger="software", exposure_us=5e6))
-    assert camera_settings(Parameters(exposure_us=5e6)).exposure_us == 5e6
+        check_exposure(Parameters(trigger="software", exposure_us=5e6))
+    check_exposure(Parameters(exposure_us=5e6))
+    check_exposure(Parameters(trigger="software", exposure_us=5e6, trigger_timeout_s=6.0))
