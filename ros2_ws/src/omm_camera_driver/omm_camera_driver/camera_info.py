@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable
+from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote, urlparse
@@ -9,7 +10,7 @@ from urllib.parse import unquote, urlparse
 import numpy as np
 import yaml
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
-from sensor_msgs.msg import CameraInfo
+from sensor_msgs.msg import CameraInfo, RegionOfInterest
 
 from omm_core.errors import InputError
 from omm_core.files.output import write_whole
@@ -107,6 +108,36 @@ def _matrix(rows: int, values: Iterable[float]) -> dict[str, object]:
 def uncalibrated() -> InfoSource:
     """Return a message that says, as ROS does by K[0] = 0, that nothing is known."""
     return InfoSource(message=CameraInfo())
+
+
+def for_image(
+    calibrated: CameraInfo, size_px: tuple[int, int], region_px: tuple[int, int] | None
+) -> CameraInfo:
+    """Return what holds for an image, by its size.
+
+    Parameters
+    ----------
+    calibrated : of the whole sensor
+    size_px : width and height of the image
+    region_px : upper left corner of a region of the sensor; None where none was asked for
+
+    Returns
+    -------
+    CameraInfo
+        With its region of interest where one was asked for. An image of another size for any other
+        reason (binned, scaled) is uncalibrated: its pixels are not those that were calibrated.
+    """
+    info = copy(calibrated)
+    width, height = size_px
+    if calibrated.k[0] == 0.0:
+        info.width, info.height = width, height
+    elif size_px != (calibrated.width, calibrated.height):
+        if region_px is None:
+            return CameraInfo(width=width, height=height)
+        info.roi = RegionOfInterest(
+            width=width, height=height, x_offset=region_px[0], y_offset=region_px[1]
+        )
+    return info
 
 
 def _path(url: str) -> Path:

@@ -247,16 +247,25 @@ class CameraNode(CountingLifecycleNode):
         return info
 
     def _info_for(self, frame: Frame, image: Image) -> CameraInfo:
-        info = self._info.message
-        info.header = image.header
         height, width = frame.image.shape
-        if info.k[0] == 0.0:
-            info.width, info.height = width, height
-        elif (width, height) != (info.width, info.height):
-            info.roi.width, info.roi.height = width, height
-            info.roi.x_offset = self._wanted.roi_x_px
-            info.roi.y_offset = self._wanted.roi_y_px
+        calibrated = self._info.message
+        info = camera_info.for_image(calibrated, (width, height), self._region())
+        info.header = image.header
+        if calibrated.k[0] and not info.k[0]:
+            self.get_logger().warning(
+                f"camera_info goes out without a calibration: the images have {width} × {height} "
+                f"pixels, the calibration is of {calibrated.width} × {calibrated.height}.",
+                once=True,
+            )
         return info
+
+    def _region(self) -> tuple[int, int] | None:
+        """Return the corner of the region of interest; None where none was asked for."""
+        wanted = self._wanted
+        corner = wanted.roi_x_px, wanted.roi_y_px
+        is_asked_for = any((*corner, wanted.roi_width_px, wanted.roi_height_px))
+        # A V4L2 device scales its images to a size; it does not cut.
+        return corner if is_asked_for and wanted.driver != "v4l2" else None
 
     def _stop_worker(self) -> None:
         if self._worker is None or self._worker.stop(timeout_s=1.0):

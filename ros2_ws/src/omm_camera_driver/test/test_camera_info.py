@@ -135,3 +135,21 @@ def test_a_calibration_that_cannot_be_used_is_not_kept(
     with pytest.raises(InputError, match=told):
         camera_info.keep((tmp_path / "kept.yaml").as_uri(), message)
     assert not (tmp_path / "kept.yaml").exists()
+
+
+def test_a_region_of_the_sensor_keeps_the_calibration_and_says_where_it_is(ros_file: Path) -> None:
+    whole = camera_info.from_url(ros_file.as_uri()).message
+    info = camera_info.for_image(whole, (640, 480), (16, 8))
+    assert (info.k[0], info.width) == (7272.5, 2592)
+    assert (info.roi.x_offset, info.roi.y_offset) == (16, 8)
+    assert (info.roi.width, info.roi.height) == (640, 480)
+    assert whole.roi.width == 0  # the next image may be whole again
+    assert camera_info.for_image(whole, (2592, 1944), (0, 0)).roi.width == 0
+
+
+def test_binned_or_scaled_images_are_not_said_to_be_calibrated(ros_file: Path) -> None:
+    whole = camera_info.from_url(ros_file.as_uri()).message
+    info = camera_info.for_image(whole, (1296, 972), None)
+    assert (info.k[0], info.width, info.height, info.roi.width) == (0.0, 1296, 972, 0)
+    unknown = camera_info.for_image(camera_info.uncalibrated().message, (5, 4), None)
+    assert (unknown.k[0], unknown.width, unknown.height) == (0.0, 5, 4)

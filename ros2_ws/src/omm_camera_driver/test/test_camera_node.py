@@ -59,6 +59,7 @@ class Cell:
         given = {
             "driver": "gige", "device": ADDRESS, "trigger": "software", "exposure_us": 2000.0,
             "calibration_file": scenario.calibration_file,
+            "roi_width_px": 640, "roi_height_px": 480,
         }  # fmt: skip
         words = [word for name, value in given.items() for word in ("-p", f"{name}:={value}")]
         environment = dict(

@@ -19,7 +19,7 @@ from omm_camera_driver.drivers.genicam.link import Linked
 from omm_camera_driver.drivers.usb3.link import Usb3Link, Usb3Options
 from omm_core.errors import DeviceError, InputError
 
-_BINNING_X, _PIXEL_FORMAT, _TRIGGER_MODE = 0x108, 0x128, 0x300
+_BINNING_X, _GAIN_AUTO, _PIXEL_FORMAT, _TRIGGER_MODE = 0x108, 0x114, 0x128, 0x300
 _YUV422 = 0x02100032
 _LATCHED, _LIMIT = 0x608, 0x610
 
@@ -229,6 +229,15 @@ def test_binning_that_is_asked_for_stays(opened: Make) -> None:
     camera = one.driver.open(CameraSettings(controls={"BinningHorizontal": "2"}))
     assert one.link.read(_BINNING_X) == 2
     assert camera.notes == ()
+
+
+def test_an_automatic_that_was_left_on_is_told_and_ends_with_a_value(opened: Make) -> None:
+    left = {_GAIN_AUTO: 2}
+    (note,) = opened(left=left).driver.open(CameraSettings()).notes
+    assert "GainAuto is Continuous" in note
+    one = opened(left=left)
+    assert one.driver.open(CameraSettings(gain=2.0)).notes == ()
+    assert one.link.read(_GAIN_AUTO) == 1  # Off, as this camera numbers them
 
 
 def test_a_pixel_format_that_nobody_reads_is_refused_with_those_that_are(opened: Make) -> None:

@@ -117,6 +117,7 @@ class GenicamDriver:
         if time.monotonic() - self._clock_read_s > _CLOCK_PERIOD_S:
             self._read_clock(times=2)
             self._camera_health = self._settings.health()
+            self._exposure_ns = self._settings.exposure_ns()  # an automatic may have changed it
 
     def set(self, name: str, value: float) -> float:
         """Change exposure or gain, checked against the camera's range."""

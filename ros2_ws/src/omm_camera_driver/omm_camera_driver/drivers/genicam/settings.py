@@ -29,6 +29,9 @@ _NEUTRAL: dict[str, int | str] = {
 }  # fmt: skip
 
 
+_AUTOMATICS = {"exposure_us": "ExposureAuto", "gain": "GainAuto"}
+
+
 class GenicamSettings:
     """The settings of one opened camera."""
 
@@ -71,6 +74,7 @@ class GenicamSettings:
         for name, value in settings.controls.items():
             if name not in _NEUTRAL:
                 self._set_control(name, value)
+        notes = (*notes, *self._left_automatic(settings))
         if ptp:
             self._first_available(_PTP_FEATURES, "PTP", self._enable)
         return notes
@@ -168,6 +172,19 @@ class GenicamSettings:
         except DeviceError as error:
             return f"{feature} could not be made sure of: {error}"
         return f"{feature} was {found}, left by a former user; it is {neutral} now."
+
+    def _left_automatic(self, settings: CameraSettings) -> list[str]:
+        """Return what the camera changes by itself, since nobody asked for a value."""
+        notes = []
+        for name, feature in _AUTOMATICS.items():
+            if getattr(settings, name) is None and feature not in settings.controls:
+                told = self.has(feature) and self._call("camera_get_string", feature.encode())
+                if told and told != b"Off":
+                    notes.append(
+                        f"{feature} is {told.decode()}: the camera changes it from image to image. "
+                        f"Set {name} for images that are alike."
+                    )
+        return notes
 
     def _set_numbers(self, settings: CameraSettings) -> None:
         """Set exposure, gain and rate; what another of them bounds is tried again after it."""
