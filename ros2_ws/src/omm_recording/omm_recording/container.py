@@ -216,3 +216,17 @@ def read_schema(data: bytes | memoryview) -> Schema:
 def read_channel(data: bytes | memoryview) -> Channel:
     """Return a channel from a record's content."""
     return Channel.read(stream(data))
+
+
+_OTHERS = (
+    (b"SQLite f", " It is of sqlite3: ros2 bag convert, or rosbags-convert --dst-storage mcap."),
+    (b"#ROSBAG ", " It is a bag of ROS 1: rosbags-convert --dst-storage mcap makes one of ROS 2."),
+    (b"\x1f\x8b", " It is compressed by gzip: gunzip it first."),
+    (b"PK\x03\x04", " It is a zip file: unzip it first."),
+)
+
+
+def what_it_is(start: bytes) -> str:
+    """Return what a file is by its first 8 bytes, and the way to a recording."""
+    known = next((words for sign, words in _OTHERS if start.startswith(sign)), "")
+    return known or (" It is a text file." if start.isascii() and start else "")

@@ -15,7 +15,7 @@ from mcap.summary import Summary
 from omm_core.errors import InputError, warn
 from omm_recording import container
 from omm_recording.chained import Chain
-from omm_recording.container import MAGIC, MESSAGE, PREFIX, UNREADABLE, Damaged, Record
+from omm_recording.container import MAGIC, MESSAGE, PREFIX, UNREADABLE, Damaged, Record, what_it_is
 from omm_recording.seal import CHAIN, parsed_chain
 from omm_recording.summary_reading import Definitions, read_header, read_summary
 
@@ -121,8 +121,9 @@ class McapFile:
         self._file.seek(0)
         start = self._file.read(len(MAGIC))
         if start != MAGIC[: len(start)] or not start:
-            hint = " It is a text file." if start.isascii() and start else ""
-            raise InputError(f"Expected an MCAP recording, but {self.path} is not one.{hint}")
+            raise InputError(
+                f"Expected an MCAP recording, but {self.path} is not one.{what_it_is(start)}"
+            )
         self._file.seek(max(0, size - len(MAGIC)))
         if size <= len(MAGIC) or self._file.read() != MAGIC:
             raise InputError(

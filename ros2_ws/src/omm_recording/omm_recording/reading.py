@@ -105,7 +105,8 @@ class Recording:
             )
         if found.type_name != type_name:
             advice = _ADVICE.get(found.type_name, "")
-            raise InputError(f"Expected {type_name} on {topic}, got {found.type_name}.{advice}")
+            got = found.type_name or "messages of no type (the file holds no schema for them)"
+            raise InputError(f"Expected {type_name} on {topic}, got {got}.{advice}")
 
     def messages(
         self,

@@ -66,7 +66,12 @@ def _in_folder(folder: Path) -> RunFiles:
         return RunFiles(folder=folder, recordings=tuple(sorted(others, key=_number)))
     if not others and any(folder.glob("*.db3")):
         raise InputError(_not_mcap("sqlite3", folder))
-    got = "none"
+    compressed = sorted(folder.glob("*.mcap.zst*"))
+    if not others and len(compressed) == 1:
+        return RunFiles(folder=folder, recordings=tuple(compressed))
+    if not others and (bags := sorted(folder.glob("*.bag"))):
+        raise InputError(_not_mcap("a bag of ROS 1", bags[0]))
+    got = f"{', '.join(c.name for c in compressed)}; name one of them" if compressed else "none"
     if others:
         got = (
             f"{len(others)} other MCAP files; name one of them, or if they are one recording: "

@@ -218,6 +218,14 @@ def test_tells_what_is_wrong_with_a_path(tmp_path: Path) -> None:
     text = tmp_path / "text.mcap"
     text.write_text("part: {name: plate}\n")
     assert "not one. It is a text file" in refusal(text)
+    for start, words in (
+        (b"SQLite format 3\0", "ros2 bag convert"),
+        (b"#ROSBAG V2.0\n", "a bag of ROS 1"),
+        (b"\x1f\x8b\x08\0\0\0\0\0", "gunzip it"),
+        (b"PK\x03\x04\0\0\0\0", "unzip it"),
+    ):
+        text.write_bytes(start)
+        assert words in refusal(text)
     empty = tmp_path / "empty.mcap"
     empty.write_bytes(b"")
     assert "Expected an MCAP recording" in refusal(empty)
