@@ -1,4 +1,4 @@
-"""The link to USB3 Vision cameras, as far as it goes without one.
+"""The link to USB3 Vision cameras, as far as it goes without one (with one: `usb3_cases.py`).
 
 Aravis' fake device hangs on no Ethernet either: it is listed, opened, triggered and asked through
 the same calls. The kernel's list of USB devices is a copy of what Linux shows of such a camera.

@@ -1,10 +1,7 @@
-"""V4L2 without a device (layouts, pixels, stamps), and with the kernel's vivid in a machine."""
+"""V4L2 without a device: layouts, pixels, stamps (with one: `vivid_cases.py`)."""
 
 import ctypes
-import importlib.util
 import struct
-from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -14,24 +11,6 @@ from omm_camera_driver.drivers.v4l2 import devices, sizes, videodev
 from omm_camera_driver.drivers.v4l2.controls import Controls, FoundControl, control_name
 from omm_camera_driver.drivers.v4l2.driver import exposure_middle, mono_image
 from omm_core.errors import DeviceError
-
-
-def _vivid_vm() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("vivid_vm", Path(__file__).parent / "vivid_vm.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-@pytest.mark.timeout(600)
-def test_the_driver_in_a_machine_with_a_virtual_camera() -> None:
-    vivid_vm = _vivid_vm()
-    if lacking := vivid_vm.missing():
-        pytest.skip(f"the virtual machine needs {lacking}")
-    status, console = vivid_vm.run([])
-    assert status == 0, console
 
 
 # Request numbers as a C compiler makes them of <linux/videodev2.h> on 64-bit Linux: they hold the

@@ -1,4 +1,4 @@
-"""The V4L2 driver against the kernel's vivid; run by `vivid_vm.py`, in its virtual machine."""
+"""The V4L2 driver against the kernel's vivid; run by `kernel_vm.py`, in its virtual machine."""
 
 import threading
 import time

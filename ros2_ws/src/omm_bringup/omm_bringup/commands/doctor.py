@@ -95,7 +95,7 @@ def look() -> list[Finding]:
         ),
         _tool(
             "qemu-system-x86_64",
-            "tests of V4L2 cameras in a virtual machine (./omm test)",
+            "tests of V4L2 and USB3 cameras in a virtual machine (./omm test)",
             "sudo apt install qemu-system-x86 busybox-static kmod cpio",
             without="everything but that test, which is skipped",
         ),

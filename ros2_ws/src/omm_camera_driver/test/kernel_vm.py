@@ -1,11 +1,13 @@
-"""Runs `vivid_cases.py` in a virtual machine with the kernel's own virtual camera, vivid.
+"""Runs cameras' cases in a virtual machine, with what the kernel has for that.
 
-    python vivid_vm.py [PYTEST ARGUMENTS]
+    python kernel_vm.py [PYTEST ARGUMENTS]
 
-A camera cannot be simulated for V4L2 from outside the kernel, and loading a module into this one
-takes rights and the module. So a small machine is booted with Debian's kernel: its memory disk
-loads the modules and mounts this computer's file system read-only, so that the cases run with this
-very Python. The processor is emulated, because KVM is not to be had everywhere: it takes a minute.
+`vivid_cases.py`: V4L2 with the kernel's own virtual camera. `usb3_cases.py`: a USB3 Vision camera
+of ours, plugged into the kernel's dummy USB controller. Neither can be had from outside the kernel,
+and loading a module into this one takes rights and the module. So a small machine is booted with
+Debian's kernel: its memory disk loads the modules and mounts this computer's file system read-only,
+so that the cases run with this very Python. The processor is emulated, because KVM is not to be had
+everywhere: it takes a minute.
 
 Needs the Debian packages qemu-system-x86 busybox-static kmod cpio, and downloads (once) the kernel
 with apt-get into ~/.cache/omm/vm (OMM_VM_CACHE names another folder).
@@ -23,10 +25,11 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 PACKAGES = "qemu-system-x86 busybox-static kmod cpio"
 TOOLS = ("qemu-system-x86_64", "busybox", "depmod", "cpio", "apt-get", "dpkg-deb")
-MODULES = ("virtio_pci", "9p", "9pnet_virtio", "vivid")
+MODULES = ("virtio_pci", "9p", "9pnet_virtio", "vivid", "dummy_hcd", "gadgetfs")
+CASES = ("vivid_cases.py", "usb3_cases.py")
 # One device that captures from HDMI, crops, composes and scales (that gives any size).
 VIVID = "n_devs=1 node_types=0x1 num_inputs=1 input_types=0x3 ccs_cap_mode=7"
-DONE = "OMM-VIVID-EXIT-STATUS"
+DONE = "OMM-CASES-EXIT-STATUS"
 TIMEOUT_S = 280
 
 INIT = """#!/bin/busybox sh
@@ -49,7 +52,7 @@ done
   LD_LIBRARY_PATH='@LD_LIBRARY_PATH@' PYTHONPATH='@PYTHONPATH@' PYTHONDONTWRITEBYTECODE=1 \\
   _ROS_WHEELS_BOOTSTRAP_COMPLETE=1 PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 \\
   '@PYTHON@' -m pytest -p no:cacheprovider --noconftest -c /dev/null --rootdir=/run \\
-  -o pythonpath= --import-mode=importlib -q @ARGUMENTS@ '@CASES@'
+  -o pythonpath= --import-mode=importlib -q @ARGUMENTS@ @CASES@
 echo @DONE@=$?
 /bin/busybox poweroff -f
 """
@@ -120,7 +123,7 @@ def _make_initrd(kernel: Path, folder: Path, arguments: list[str]) -> Path:
         "PYTHONPATH": os.pathsep.join(p for p in sys.path if p),
         "PYTHON": sys.executable,
         "ARGUMENTS": " ".join(f"'{argument}'" for argument in arguments),
-        "CASES": str(HERE / "vivid_cases.py"),
+        "CASES": " ".join(f"'{HERE / cases}'" for cases in CASES),
         "DONE": DONE,
         "VIVID": VIVID,
     }.items():
