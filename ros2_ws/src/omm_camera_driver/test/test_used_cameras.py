@@ -240,6 +240,12 @@ def test_an_automatic_that_was_left_on_is_told_and_ends_with_a_value(opened: Mak
     assert one.link.read(_GAIN_AUTO) == 1  # Off, as this camera numbers them
 
 
+def test_what_the_camera_makes_something_else_of_is_told(opened: Make) -> None:
+    camera = opened().driver.open(CameraSettings(exposure_us=2000.0, gain=2.5))
+    assert camera.granted["gain"] == 2.0  # its gain is a whole number
+    assert camera.notes == ("gain: asked for 2.5, the camera granted 2.",)
+
+
 def test_a_pixel_format_that_nobody_reads_is_refused_with_those_that_are(opened: Make) -> None:
     one = opened(left={_PIXEL_FORMAT: _YUV422})
     with pytest.raises(InputError, match=r"pixel_format to one of .*Mono8"):

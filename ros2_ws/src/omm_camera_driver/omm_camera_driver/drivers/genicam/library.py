@@ -67,6 +67,7 @@ _FALLIBLE: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "arv_camera_get_string": (c_char_p, (pointer, c_char_p)),
     "arv_camera_set_boolean": (None, (pointer, c_char_p, c_int)),
     "arv_camera_get_float": (c_double, (pointer, c_char_p)),
+    "arv_camera_set_float": (None, (pointer, c_char_p, c_double)),
     "arv_camera_get_integer": (c_int64, (pointer, c_char_p)),
     "arv_camera_get_integer_bounds": (None, (pointer, c_char_p, *(POINTER(c_int64),) * 2)),
     "arv_camera_set_integer": (None, (pointer, c_char_p, c_int64)),

@@ -29,6 +29,8 @@ _NEUTRAL: dict[str, int | str] = {
 }  # fmt: skip
 
 
+_SIGNED = {"gain": "Gain", "black_level": "BlackLevel"}
+_GRANTED_WITHIN = 0.05
 _AUTOMATICS = {"exposure_us": "ExposureAuto", "gain": "GainAuto"}
 
 
@@ -74,7 +76,7 @@ class GenicamSettings:
         for name, value in settings.controls.items():
             if name not in _NEUTRAL:
                 self._set_control(name, value)
-        notes = (*notes, *self._left_automatic(settings))
+        notes = (*notes, *self._left_automatic(settings), *self._granted_otherwise(settings))
         if ptp:
             self._first_available(_PTP_FEATURES, "PTP", self._enable)
         return notes
@@ -91,7 +93,11 @@ class GenicamSettings:
         check_range(name, value, low.value, high.value, unit)
         if automatic and self._call(f"camera_is_{automatic}_auto_available"):
             self._call(f"camera_set_{feature}_auto", AUTO_OFF)
-        self._call(f"camera_set_{feature}", value)
+        signed = _SIGNED.get(name, "")
+        if value < 0.0 and self.has(signed):  # Aravis' own function ignores what is negative
+            self._call("camera_set_float", signed.encode(), value)
+        else:
+            self._call(f"camera_set_{feature}", value)
         return float(self._call(f"camera_get_{feature}"))
 
     def exposure_ns(self) -> int:
@@ -100,11 +106,11 @@ class GenicamSettings:
             return 0
         return round(self._call("camera_get_exposure_time") * 1000)
 
-    def granted(self) -> dict[str, object]:
+    def granted(self) -> dict[str, Any]:
         """Return what the camera is set to, read back."""
         x, y, width, height = c_int(), c_int(), c_int(), c_int()
         self._call("camera_get_region", byref(x), byref(y), byref(width), byref(height))
-        values: dict[str, object] = {
+        values: dict[str, Any] = {
             "region_px": f"{width.value}x{height.value}+{x.value}+{y.value}",
             "pixel_format": (self._call("camera_get_pixel_format_as_string") or b"?").decode(),
         }
@@ -185,6 +191,16 @@ class GenicamSettings:
                         f"Set {name} for images that are alike."
                     )
         return notes
+
+    def _granted_otherwise(self, settings: CameraSettings) -> list[str]:
+        """Return what the camera made something else of than was asked for."""
+        granted = self.granted()
+        asked = {name: getattr(settings, name) for name in _NUMBERS}
+        return [
+            f"{name}: asked for {value:g}, the camera granted {granted[name]:g}."
+            for name, value in asked.items()
+            if value is not None and abs(granted[name] - value) > _GRANTED_WITHIN * abs(value)
+        ]
 
     def _set_numbers(self, settings: CameraSettings) -> None:
         """Set exposure, gain and rate; what another of them bounds is tried again after it."""
