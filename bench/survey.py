@@ -1,6 +1,11 @@
-"""How long a survey's bundle takes, and whether its covariance tells the truth.
+"""How long a survey's bundle takes, against COLMAP's, and whether its covariance tells the truth.
 
+    ./omm exec pip install pycolmap                    # the peer; without it, omm alone is timed
     ./omm exec python bench/survey.py [--networks 1000] [--photos 200 --points 300]
+
+COLMAP is given the same rays, start and camera model (OPENCV: f in both directions, no scale bars,
+all rays of one weight) and tells no covariance. Both end at the same minimum: coordinates are
+compared after a similarity transformation.
 
 Times are those of one process's CPU, so that what runs beside does not count.
 """
@@ -9,11 +14,14 @@ from __future__ import annotations
 
 import argparse
 import time
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from omm_core.adjustment import solve
 from omm_core.survey.camera_model import evaluate_rays
 from omm_core.survey.cameras import Cameras
 from omm_core.survey.datum import free_frame
@@ -99,8 +107,6 @@ def coverage(count: int) -> None:
 def speed(photos: int, points: int) -> None:
     """Print how long one adjustment with rejection, noise and full covariance takes."""
     _, state, sightings, bars = network(np.random.default_rng(0), photos, points, 0.5)
-    from omm_core.adjustment import solve
-
     fitting = Fitting(state, tuple(sightings), bars, MIDDLE, 36.0)
     values = {
         "lens": state.lenses,
@@ -120,6 +126,77 @@ def speed(photos: int, points: int) -> None:
     )
 
 
+def peer(photos: int, points: int) -> None:
+    """Print how long COLMAP takes for the same network, and how far its points lie from omm's."""
+    try:
+        import pycolmap
+    except ImportError:
+        print("pycolmap is not installed: ./omm exec pip install pycolmap")
+        return
+    _, state, sightings, _ = network(np.random.default_rng(0), photos, points, 0.5)
+    sightings = [replace(s, covariance_px2=SIGMA_PX**2 * np.eye(2)) for s in sightings]
+    fitting = Fitting(state, tuple(sightings), [], MIDDLE, 1e9)
+    values = {
+        "lens": np.array(state.lenses),
+        "photos": np.array(list(state.photos.values())),
+        "points": np.array(list(state.points.values())),
+        "zooms": np.zeros((photos, 1)),
+    }
+    values["lens"][0, 3:] = 0.0
+    wall, cpu = time.perf_counter(), time.process_time()
+    ours = solve(fitting.problem(values, (*STAGES[2], 8)), undetermined=False)
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    theirs = _reconstruction(pycolmap, values, sightings)
+    options = pycolmap.BundleAdjustmentOptions()
+    options.refine_principal_point, options.print_summary = True, False
+    options.ceres.solver_options.gradient_tolerance = 1e-10
+    options.ceres.solver_options.min_relative_decrease = 1e-9
+    wall2, cpu2 = time.perf_counter(), time.process_time()
+    pycolmap.bundle_adjustment(theirs, options)
+    wall2, cpu2 = time.perf_counter() - wall2, time.process_time() - cpu2
+    found = ours.values["points"]
+    there = np.array([theirs.points3D[i].xyz for i in sorted(theirs.points3D)])
+    turn, _ = Rotation.align_vectors(found - found.mean(0), there - there.mean(0))
+    turned = turn.apply(there - there.mean(0))
+    turned *= np.sum(turned * (found - found.mean(0))) / np.sum(turned**2)
+    away = np.abs(turned - (found - found.mean(0))).max()
+    sigma = np.sqrt(np.diag(ours.covariance_of("points")))
+    print(
+        f"the same without bars: omm {wall:.2f} s ({cpu:.2f} s of CPU) with full covariance,"
+        f" COLMAP {pycolmap.__version__} {wall2:.2f} s ({cpu2:.2f} s of CPU) without; points differ"
+        f" by {away * 1e3:.1g} um at most (their sigma: {np.median(sigma) * 1e3:.2f} um)"
+    )
+
+
+def _reconstruction(pycolmap: Any, values: dict[str, np.ndarray], sightings: list[Sighting]) -> Any:
+    """Return the network as COLMAP has it, before it is adjusted."""
+    f, cl, rw = values["lens"][0, :3]
+    found = pycolmap.Reconstruction()
+    width, height = (2 * MIDDLE + 1).astype(int)
+    camera = pycolmap.Camera(
+        camera_id=1, model="OPENCV", width=int(width), height=int(height),
+        params=[f, f, MIDDLE[0] + cl, MIDDLE[1] + rw, 0.0, 0.0, 0.0, 0.0],
+    )  # fmt: skip
+    found.add_camera_with_trivial_rig(camera)
+    tracks: dict[int, Any] = {}
+    for photo, pose in enumerate(values["photos"]):
+        own = [s for s in sightings if s.photo == photo]
+        turn = Rotation.from_rotvec(pose[:3])
+        image = pycolmap.Image(
+            name=f"{photo}", keypoints=np.array([s.center_px for s in own]), camera_id=1,
+            image_id=photo + 1,
+        )  # fmt: skip
+        shift = -turn.apply(pose[3:])
+        found.add_image_with_trivial_frame(
+            image, pycolmap.Rigid3d(pycolmap.Rotation3d(turn.as_quat()), shift)
+        )
+        for k, s in enumerate(own):
+            tracks.setdefault(s.point, pycolmap.Track()).add_element(photo + 1, k)
+    for number in sorted(tracks):
+        found.add_point3D(values["points"][number - 1], tracks[number])
+    return found
+
+
 def main() -> None:
     """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -131,6 +208,7 @@ def main() -> None:
         coverage(arguments.networks)
     else:
         speed(arguments.photos, arguments.points)
+        peer(arguments.photos, arguments.points)
 
 
 if __name__ == "__main__":

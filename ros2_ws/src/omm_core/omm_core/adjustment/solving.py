@@ -18,6 +18,7 @@ Mask = NDArray[np.bool_]
 # what is left of an exactly undetermined direction after rounding lies below 1e-12.
 UNDETERMINED = 1e-11
 _DAMPING_STEPS = 14
+_BLOCK = 256
 # Added to the scaled diagonal: rounding does not carry undetermined directions away.
 _LOST = 1e-11
 
@@ -135,23 +136,31 @@ class _Scaled:
 
     def step(self, damping: float) -> Array:
         """Return the step in the unknowns' own units."""
-        matrix = self.matrix + np.diag(np.full(len(self.matrix), damping + _LOST))
-        _, found, failed = dposv(matrix, self.right, lower=1)
+        matrix = self._copied(damping + _LOST)
+        _, found, failed = dposv(matrix, self.right, lower=1, overwrite_a=1)
         if failed:  # not positive definite, by rounding
-            found = np.linalg.solve(matrix, self.right)
+            found = np.linalg.solve(self._copied(damping + _LOST), self.right)
         return np.asarray(self.scale * found.ravel())
+
+    def _copied(self, added: float) -> Array:
+        """Return a copy in LAPACK's order (the matrix is symmetric), with more on its diagonal."""
+        matrix = self.matrix.copy().T
+        np.einsum("ii->i", matrix)[...] += added
+        return matrix
 
     def covariance(self, *, look: bool) -> tuple[Array, list[Array]]:
         """Return the covariance and the undetermined directions, in the unknowns' own units."""
         directions: list[Array] = []
-        inverse = np.diag(np.full(len(self.matrix), np.inf))
-        root, failed = dpotrf(self.matrix, lower=1, clean=1) if len(self.matrix) else (inverse, 0)
-        if not failed and len(self.matrix):
-            half, _ = dpotri(root, lower=1)
-            inverse = np.tril(half) + np.tril(half, -1).T
-        elif failed and not look:
+        if not len(self.matrix):
+            return np.zeros((0, 0)), directions
+        root, failed = dpotrf(self._copied(0.0), lower=1, clean=0, overwrite_a=1)
+        if failed and not look:
             raise np.linalg.LinAlgError("The normal equations are not positive definite.")
-        if look and len(inverse) and np.abs(np.diag(inverse)).max() > 0.01 / UNDETERMINED:
+        if failed:
+            inverse = np.full_like(self.matrix, np.inf)
+        else:
+            inverse = _mirrored(dpotri(root, lower=1, overwrite_c=1)[0])
+        if look and np.abs(np.diag(inverse)).max() > 0.01 / UNDETERMINED:
             values, vectors = np.linalg.eigh(self.matrix)
             lost = values < UNDETERMINED
             directions = [vectors[:, i] * self.scale for i in np.flatnonzero(lost)]
@@ -160,6 +169,16 @@ class _Scaled:
             made_up = inverse @ self.datum
             inverse = inverse - made_up @ made_up.T
         return inverse * self.scale[:, None] * self.scale[None, :], directions
+
+
+def _mirrored(half: Array) -> Array:
+    """Write what stands below a matrix's diagonal above it, too, block by block."""
+    for start in range(0, len(half), _BLOCK):
+        stop = start + _BLOCK
+        own = np.tril(half[start:stop, start:stop])
+        half[start:stop, start:stop] = own + np.tril(own, -1).T
+        half[start:stop, stop:] = half[stop:, start:stop].T
+    return half
 
 
 def _improve(
