@@ -149,6 +149,7 @@ def opened(cell: CellWithPage, browser: Any) -> Iterator[Screen]:
 
 @pytest.fixture
 def screen(opened: Screen) -> Iterator[Screen]:
+    opened.errors.clear()  # told by the test that had them
     opened.back_to_the_start()
     yield opened
     assert opened.foreign == []
@@ -302,11 +303,13 @@ def test_a_lost_page_node_is_told_and_the_page_comes_back_without_reload(
     screen.page.evaluate_handle("() => { document.body.dataset.kept = 'yes'; }")
     cell.send("operator", signal.SIGKILL)
     until(lambda: "No connection" in screen.text("#alarm"), "the alarm", 10.0)
+    screen.page.select_option("#language", "de")  # its words come when the node is back
     assert not screen.is_on("new_clamping")
     assert screen.page.query_selector("body.lost main.stale") is not None
     cell.start("operator")
     until(lambda: "No connection" not in screen.text("#alarm"), "the page to come back")
     until(lambda: screen.is_on("new_clamping"), "commands")
+    until(lambda: screen.page.get_attribute("html", "lang") == "de", "the language")
     assert screen.page.query_selector("body[data-kept=yes]") is not None
 
 

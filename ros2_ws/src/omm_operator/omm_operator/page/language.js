@@ -2,21 +2,35 @@
 
 const COMMA = new Set(["de", "es", "eu"]);
 export const LANGUAGES = { en: "English", de: "Deutsch", es: "Español", eu: "Euskara" };
+const AGAIN_MS = 1000;
 let words = {};
 let between = []; // English words within arguments, and ours
 let english = null;
 export let language = "en";
 
+let wanted = "en"; // the last choice counts, however long an earlier one takes
+
 export async function choose(name) {
-  const answer = await fetch(`/language/${name}.json`);
-  if (!answer.ok) return;
-  words = await answer.json();
-  english ||= await (await fetch("/language/en.json")).json();
+  wanted = name;
+  const chosen = await delivered(name);
+  english ||= await delivered("en");
+  if (!chosen || !english || wanted !== name) return;
+  words = chosen;
   between = name === "en" ? [] : Object.keys(english).filter((key) => key.startsWith("word."))
     .sort((a, b) => english[b].length - english[a].length)
     .map((key) => [new RegExp(`\\b${english[key]}\\b`, "g"), words[key]]);
   language = name;
   document.documentElement.lang = name;
+}
+
+// While the node is away, the words come when it is back.
+async function delivered(name) {
+  for (;;) {
+    try {
+      const answer = await fetch(`/language/${name}.json`);
+      return answer.ok ? await answer.json() : null;
+    } catch { await new Promise((done) => setTimeout(done, AGAIN_MS)); }
+  }
 }
 
 export function t(key, args) {
