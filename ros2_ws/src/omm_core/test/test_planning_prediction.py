@@ -114,3 +114,32 @@ def test_errors_of_simulated_measurements_are_as_large_as_predicted():
         own_error[:6] += fit @ geometry.ravel()
         squares.append(own_error @ np.linalg.solve(covariance, own_error))
     assert np.mean(squares) == pytest.approx(7.0, abs=0.67)
+
+
+def test_correlations_of_a_survey_are_planned_with():
+    """Targets that are all shifted together shift the part as far and turn it by nothing."""
+    shift_mm = 0.05
+    exact = scene(EXACT, part=part(sigma_mm=0.0), at=(600.0, 200.0, -100.0))
+    count = len(exact.part.targets)
+    together = np.kron(np.ones((count, count)), shift_mm**2 * np.eye(3))
+    spindles, seen = planned(exact)
+    every = np.arange(len(spindles))[None]
+
+    def predicted(covariance):
+        targets = tuple(
+            dataclasses.replace(t, sigma_xyz_mm=np.full(3, shift_mm)) for t in exact.part.targets
+        )
+        measured = dataclasses.replace(exact.part, targets=targets, covariance_mm2=covariance)
+        cell = dataclasses.replace(exact, part=measured)
+        own = own_covariances(designs(cell, spindles, seen), EXACT, every)[0]
+        return Yardstick.of(cell, PlanWish()).theta_covariance(own)
+
+    design = designs(exact, spindles, seen)
+    alone = own_covariances(design, EXACT, every)[0]
+    alone = Yardstick.of(exact, PlanWish()).theta_covariance(alone)
+    added = predicted(together) - alone
+    size = np.r_[np.full(3, 1e-5), np.full(3, shift_mm), 1e-5]
+    wanted = np.diag([0.0, 0.0, 0.0, *[shift_mm**2] * 3, 0.0])
+    assert np.abs((added - wanted) / np.outer(size, size)).max() < 0.01
+    apart = predicted(np.diag(np.diag(together))) - alone
+    assert np.diag(apart)[:2].min() > (1e-5) ** 2  # without correlations it would seem to tilt

@@ -79,3 +79,15 @@ def test_every_picture_is_written_and_none_of_what_was_not_measured(tmp_path):
     assert lengths.read_bytes().startswith(b"\x89PNG")
     with pytest.raises(InputError, match="folder"):
         write_pictures(measured, lengths)
+
+
+def test_each_of_several_cameras_is_told_with_its_noise():
+    one = {"parameters": ["f"], "values": [3000.0], "covariance": [[0.01]]}
+    cameras = [{"name": "tele", "photos": 7, **one}, {"name": "wide", "photos": 5, **one}]
+    by = {"coded, tele": 1.1, "coded, wide": 3.2, "plain, wide": 2.5}
+    several = {**result(), "cameras": cameras, "sigma0_by": by}
+    lines = survey_text(several).splitlines()
+    assert "tele: 7 photographs, f 3000.00 px (sigma 0.10)" in lines[3]
+    assert lines[3].endswith("expected: coded 1.100")
+    assert lines[4].endswith("expected: coded 3.200, plain 2.500")
+    assert survey_document(several, "set") != survey_document(result(), "set")
