@@ -84,6 +84,21 @@ def test_a_machine_yaml_that_contradicts_itself_is_refused(judge, axes):
         judge(axes)
 
 
+@pytest.mark.parametrize(("leader", "words"), [("Q", "it has X, Y, Z"), ("y", "small letters")])
+def test_a_drive_that_follows_an_axis_that_is_not_there_is_refused_at_the_start(
+    judge, leader, words
+):
+    with pytest.raises(InputError, match=words):
+        judge(f"{{Y2: {{follows: {leader}}}}}")
+    judge("{Y2: {follows: Y}, Y3: {follows: Y2}}")
+
+
+def test_a_drive_that_counts_the_other_way_is_refused_as_soon_as_it_shows(judge):
+    one = judge("{Y2: {follows: Y}}")
+    assert judged(one, 1000, positions={**XYZ, "Y": 0.0, "Y2": 0.0}).refused == ""
+    assert "20.0000 mm apart" in judged(one, 1010, positions={**XYZ, "Y": 10.0, "Y2": -10}).refused
+
+
 @pytest.mark.parametrize(
     ("given", "letters", "names", "followers"),
     [

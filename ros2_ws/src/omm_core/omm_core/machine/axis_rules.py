@@ -48,6 +48,12 @@ class AxisRules:
                 f" which the URDF of {machine} has. Take it out of one of the two."
             )
         for axis, follows in self.follows.items():
+            if follows.leader not in {*turning, *self.follows}:
+                raise InputError(
+                    f"Expected {axis} to follow an axis of the URDF of {machine}, got"
+                    f" {follows.leader}; it has {', '.join(turning)}"
+                    f"{_case_hint(follows.leader, turning)}."
+                )
             turns = turning.get(follows.leader)
             if None not in (turns, follows.in_rad) and turns != follows.in_rad:
                 raise InputError(
@@ -136,3 +142,8 @@ def _with_way_out(words: Words, axis: str, known: Mapping[str, bool]) -> Words:
         ignored=verbatim(f"{axis}: {{ignored: true}}"),
         follows=verbatim(f"{axis}: {{follows: …}}"),
     )
+
+
+def _case_hint(name: str, known: Mapping[str, bool]) -> str:
+    same = name.lower() in {other.lower() for other in known}
+    return " (capital and small letters differ)" if same else ""
