@@ -73,6 +73,7 @@ OWN = {
     "omm_report/language.py": "its own words",
     "omm_bringup/processes.py": "the log of a node that it started",
     "omm_bringup/commands/doctor.py": "/proc",
+    "omm_camera_driver/drivers/usb3/sysfs.py": "/sys",
 }
 
 
