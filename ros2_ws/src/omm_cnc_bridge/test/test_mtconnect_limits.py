@@ -12,6 +12,7 @@ from omm_cnc_bridge.controls.mtconnect.control import MtConnectControl
 from omm_cnc_bridge.controls.mtconnect.model import read_device
 from omm_cnc_bridge.judgement import Judge, Reported, SampleLimits
 from omm_cnc_bridge.standstill import StandStillLimits
+from omm_core.errors import InputError
 from omm_core.machine.kinematics import Kinematics
 
 MACHINES = Path(__file__).parents[1] / "machines"
@@ -125,3 +126,11 @@ def test_where_the_tool_point_is_wished_for_it_stands_in_the_place_of_the_axes(m
     assert not wished.commanded
     gone = sample_of(monkeypatch, probe, tool_point=True, tp="UNAVAILABLE")
     assert "UNAVAILABLE" in judged(gone, reported=Reported.TOOL_POINT)
+
+
+@pytest.mark.parametrize(
+    "url", ["localhost:5000", "192.168.1.5:5000", "http://:5000", "http://mill:abc", "", "ftp://a"]
+)
+def test_an_address_that_names_no_agent_is_refused_and_not_guessed(url):
+    with pytest.raises(InputError, match="http://HOST:PORT"):
+        MtConnectControl(url, rate_hz=100)

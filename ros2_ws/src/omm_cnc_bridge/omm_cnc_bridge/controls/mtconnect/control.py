@@ -12,7 +12,7 @@ import http.client
 import math
 import socket
 from collections.abc import Sequence
-from urllib.parse import quote, urlsplit
+from urllib.parse import SplitResult, quote, urlsplit
 
 from omm_cnc_bridge.clock import ControlClock, ros_from_monotonic_ns
 from omm_cnc_bridge.control import ControlSample, Mode, ProgramState
@@ -24,15 +24,14 @@ from omm_cnc_bridge.controls.mtconnect.model import (
     read_document,
 )
 from omm_cnc_bridge.controls.mtconnect.multipart import SILENCE_S, MultipartReader, whole_answer
-from omm_core.errors import DeviceError
+from omm_cnc_bridge.controls.mtconnect.texts import line, number, why_not
+from omm_core.errors import DeviceError, InputError
 
 HEARTBEAT_MS = 20
 COUNT = 1000
 ATTEMPTS = (
     5  # an agent with a small buffer may have dropped what we ask for by the time it hears it
 )
-FARTHEST = 1e7
-"""No axis is farther from its zero (mm, rad): ten kilometres."""
 UNAVAILABLE = "UNAVAILABLE"
 TOOL_POINT_ONLY = (
     "the agent tells the tool point (PATH_POSITION) and no axes; it is off by the tool's length"
@@ -80,7 +79,7 @@ class MtConnectControl:
     ) -> None:
         self.clock = ControlClock()
         self._tool_point = tool_point
-        self._url, self._device = urlsplit(url), device
+        self._url, self._device = _address(url), device
         self._interval_ms = max(1, round(1e3 / rate_hz))
         self._connection: http.client.HTTPConnection | None = None
         self._parts: MultipartReader | None = None
@@ -126,7 +125,7 @@ class MtConnectControl:
     # --- the agent -----------------------------------------------------------------------------
 
     def _open(self, path: str) -> tuple[http.client.HTTPConnection, http.client.HTTPResponse]:
-        host, port = self._url.hostname or "127.0.0.1", self._url.port
+        host, port = str(self._url.hostname), self._url.port
         secure = self._url.scheme == "https"
         kind = http.client.HTTPSConnection if secure else http.client.HTTPConnection
         connection = kind(host, port, timeout=SILENCE_S)
@@ -220,7 +219,7 @@ class MtConnectControl:
             mode=_MODES.get(self._event("mode"), Mode.UNKNOWN),
             program_state=_PROGRAM_STATES.get(self._event("execution"), ProgramState.UNKNOWN),
             program=self._event("program"),
-            program_line=_line(self._event("line")),
+            program_line=line(self._event("line")),
         )
 
     def _of_tool_point(self) -> bool:
@@ -246,8 +245,8 @@ class MtConnectControl:
         values: dict[str, float] = {}
         unusable = dict(self._described.unusable)
         for item, text in self._texts_of(role):
-            value = _number(text)
-            why = text if text == UNAVAILABLE else _why_not(value, text, item)
+            value = number(text)
+            why = text if text == UNAVAILABLE else why_not(value, text, item)
             if value is None or why:
                 unusable[item.axis] = why
             else:
@@ -259,7 +258,7 @@ class MtConnectControl:
         for axis in POINT:
             unusable.pop(axis, None)  # of an axis that is not wanted
         for item, text in self._texts_of("path"):
-            values = [_number(word) for word in text.split()[:4]]
+            values = [number(word) for word in text.split()[:4]]
             if len(values) != 3 or None in values:
                 why = text if text == UNAVAILABLE else f"{text[:80]!r} is not three numbers"
                 unusable |= dict.fromkeys(POINT, f"tool point: {why}")
@@ -280,30 +279,13 @@ class MtConnectControl:
         return None
 
 
-def _number(text: str) -> float | None:
-    """Return a number; None where the text is none (an agent passes on what an adapter sends)."""
-    if "_" in text or not text.isascii():  # Python takes both for digits
-        return None
+def _address(url: str) -> SplitResult:
+    """Return the agent's address; HOST:PORT alone would be taken for something else."""
     try:
-        value = float(text)
+        parts = urlsplit(url)
+        is_one = parts.scheme in ("http", "https") and parts.hostname and parts.port != 0
     except ValueError:
-        return None
-    return value if abs(value) < FARTHEST else None
-
-
-def _why_not(value: float | None, text: str, item: Item) -> str:
-    """Return why a text is no position of an axis; empty where it is one."""
-    if value is None:
-        return f"{text[:80]!r} is not a number"
-    limits = item.limits
-    if limits.least <= value <= limits.most:
-        return ""
-    return (
-        f"{value:g} is outside what the agent's model allows ({limits.least:g} to {limits.most:g},"
-        " Constraints)"
-    )
-
-
-def _line(text: str) -> int:
-    """Return a program's line; -1 where the text is none."""
-    return int(text) if text.isascii() and text.isdecimal() and len(text) < 10 else -1
+        is_one = False
+    if not is_one:
+        raise InputError(f"Expected mtconnect_url as http://HOST:PORT, got {url!r}.")
+    return parts
