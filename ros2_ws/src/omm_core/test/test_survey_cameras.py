@@ -87,7 +87,7 @@ def test_each_camera_is_calibrated_within_its_sigma(network: Network) -> None:
     assert len(network.photos) == PHOTOS
     sigma = np.sqrt(np.diag(network.solution.covariance_of("lens"))).reshape(2, 10)
     free = sigma[0] > 0
-    assert list(np.flatnonzero(free)) == [0, 1, 2, 3, 4, 6, 7]  # what twelve photographs bear
+    assert free.all()
     assert (free == (sigma[1] > 0)).all()
     off = (network.solution.values["lens"] - LENSES)[:, free] / sigma[:, free]
     assert np.abs(off).max() < 3.5

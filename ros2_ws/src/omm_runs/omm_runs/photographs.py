@@ -25,7 +25,7 @@ _FEWEST_FOR_POLARITY = 3
 _TILTED = 1.4  # longer axis of an ellipse over the diameter of the circle with its area
 _FOCAL_LENGTH, _AS_35MM, _EXIF_WIDTH = 37386, 41989, 40962  # EXIF 2.3
 _PLANE_RESOLUTION, _PLANE_UNIT = 41486, 41488
-_CAMERA_TAGS = (272, 42033, 42036)  # model, number of the body, lens
+_CAMERA_TAGS = ((272, 50708), (42033,), (42036,))  # model (DNG's too), number of the body, lens
 _DIAGONAL_35MM = 43.267
 SAME_FOCAL = 1.02  # ratio of what EXIF tells of one setting: makers round it
 
@@ -131,7 +131,8 @@ def focal_told(photo: Path) -> float | None:
 def taken_with(photo: Path) -> tuple[str, ...]:
     """Return model, number of the body and lens by the photograph's EXIF; empty where untold."""
     told = _exif(photo)
-    return tuple(str(told.get(tag, "")).strip(" \0") for tag in _CAMERA_TAGS)
+    words = ([str(told.get(tag, "")).strip(" \0") for tag in tags] for tags in _CAMERA_TAGS)
+    return tuple(next(filter(None, found), "") for found in words)
 
 
 def _exif(photo: Path) -> dict[int, Any]:

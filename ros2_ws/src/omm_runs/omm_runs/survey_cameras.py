@@ -25,12 +25,16 @@ Told = tuple[str, ...]
 
 @dataclass(frozen=True, kw_only=True)
 class Group:
-    """Photographs (by number) of one camera; None: the photographs do not tell it."""
+    """Photographs (by number) of one camera.
+
+    ``focal_px`` is None where nothing tells it; ``assumed``: it is another camera's.
+    """
 
     name: str
     size_px: tuple[int, int]
     focal_px: float | None
     photos: tuple[int, ...]
+    assumed: bool = False
 
 
 def groups_of(given: SurveySet, seen: list[Seen], numbers: list[int]) -> list[Group]:
@@ -60,6 +64,30 @@ def cameras_of(groups: list[Group]) -> Cameras:
         names=tuple(g.name for g in groups),
         of={n: row for row, g in enumerate(groups) for n in g.photos},
     )
+
+
+def with_focal(groups: list[Group]) -> list[Group]:
+    """Return the cameras, each with a focal length: where none is told, the first one's angle."""
+    first = groups[0]
+    return [
+        replace(
+            group, assumed=True,
+            focal_px=float(first.focal_px or np.nan) * max(group.size_px) / max(first.size_px),
+        )
+        if group.focal_px is None
+        else group
+        for group in groups
+    ]  # fmt: skip
+
+
+def assumed_words(groups: list[Group]) -> list[str]:
+    """Tell of focal lengths that nothing told."""
+    return [
+        f"Nothing tells the focal length of {group.name}: it began at {group.focal_px:.0f} px, with"
+        f" the field of view of {groups[0].name}. Give it under 'cameras' in survey.yaml."
+        for group in groups
+        if group.assumed
+    ]
 
 
 def shifts_px(groups: list[Group]) -> dict[int, Array]:
@@ -122,10 +150,10 @@ def _files(
 def _other_focal(
     given: SurveySet, seen: list[Seen], first: list[int], own: list[int], size: tuple[int, int]
 ) -> float | None:
-    """Return the focal length of a further camera, px: of the same body by the ratio told."""
-    bodies = [taken_with(given.photos[group[0]])[:2] for group in (first, own)]
+    """Return the focal length of a further camera, px: of the same model by the ratio told."""
+    models = [taken_with(given.photos[group[0]])[0] for group in (first, own)]
     told = [focal_told(given.photos[group[0]]) for group in (first, own)]
-    if given.focal_length_px and bodies[0] == bodies[1] and told[0] and told[1]:
+    if given.focal_length_px and models[0] == models[1] and told[0] and told[1]:
         return given.focal_length_px * told[1] / told[0]
     return _exif_focal(given, seen, own, size)
 

@@ -9,7 +9,7 @@ import numpy as np
 from omm_core.errors import MeasurementError
 from omm_core.files.survey import SurveySet
 from omm_runs.photographs import Seen, focal_length_px
-from omm_runs.survey_cameras import FEWEST_OF_CAMERA, Group, groups_of
+from omm_runs.survey_cameras import FEWEST_OF_CAMERA, Group, groups_of, with_focal
 
 FEWEST_PHOTOS = 3
 
@@ -42,7 +42,8 @@ def photos_by_camera(given: SurveySet, seen: list[Seen]) -> tuple[list[Group], d
     groups = [left for group in groups if (left := _without(group, reasons)).photos]
     groups.sort(key=lambda group: -len(group.photos))
     for group in groups[1:]:
-        reasons |= _not_usable(group, groups[0])
+        if len(group.photos) < FEWEST_OF_CAMERA:
+            reasons |= _too_few(group, groups[0])
     groups = [left for group in groups if (left := _without(group, reasons)).photos]
     count = len(seen) - len(reasons)
     if count < FEWEST_PHOTOS:
@@ -54,28 +55,23 @@ def photos_by_camera(given: SurveySet, seen: list[Seen]) -> tuple[list[Group], d
         first = groups[0]
         told_px = focal_length_px(tuple(given.photos[n] for n in first.photos), first.size_px)
         groups[0] = replace(first, focal_px=told_px)
-    return groups, reasons
+    return with_focal(groups), reasons
 
 
 def _without(group: Group, reasons: dict[int, str]) -> Group:
     return replace(group, photos=tuple(n for n in group.photos if n not in reasons))
 
 
-def _not_usable(group: Group, first: Group) -> dict[int, str]:
-    """Return the photographs of a camera that cannot be calibrated beside the first."""
-    many = len(group.photos)
-    if many >= FEWEST_OF_CAMERA and group.focal_px is not None:
-        return {}
-    if many < FEWEST_OF_CAMERA and group.size_px != first.size_px:
+def _too_few(group: Group, first: Group) -> dict[int, str]:
+    """Return why the photographs of a camera that they cannot calibrate are left out."""
+    if group.size_px != first.size_px:
         return dict.fromkeys(group.photos, _other_size(group.size_px, first.size_px))
-    why = "no focal length is told for it: give it under 'cameras' in survey.yaml"
-    if many < FEWEST_OF_CAMERA:
-        why = f"{many} cannot calibrate it: take {FEWEST_OF_CAMERA} with it, or none"
-    return {
-        n: f"it was taken with another camera, lens or focal length ({group.name}; most with"
-        f" {first.name}), and {why}"
-        for n in group.photos
-    }
+    why = (
+        f"it was taken with another camera, lens or focal length ({group.name}; most with"
+        f" {first.name}), and {len(group.photos)} cannot calibrate it: take {FEWEST_OF_CAMERA} with"
+        " it, or none"
+    )
+    return dict.fromkeys(group.photos, why)
 
 
 def doubled_numbers(seen: dict[str, Seen]) -> tuple[set[int], list[str]]:

@@ -156,7 +156,7 @@ def _several(network: Network) -> dict[str, Any]:
 
 
 def _nominal(groups: list[Group]) -> list[float]:
-    return [float(group.focal_px or np.nan) for group in groups]
+    return [float(np.nan if group.assumed else group.focal_px or np.nan) for group in groups]
 
 
 def _observations(

@@ -10,7 +10,7 @@ from omm_core.survey import Bar, solve_network
 from omm_core.survey.sighting import CODED, PLAIN, sighting_of_target
 from omm_core.targets import TargetFamily
 from omm_runs.photographs import look_at_all
-from omm_runs.survey_cameras import cameras_of, shifts_px
+from omm_runs.survey_cameras import assumed_words, cameras_of, shifts_px
 from omm_runs.survey_photos import FEWEST_PHOTOS, doubled_numbers, photos_by_camera
 from omm_runs.survey_result import SurveyResult, as_json, delivered
 
@@ -53,7 +53,7 @@ def survey(path: Path) -> SurveyResult:
         _diameters(given),
     )
     out = delivered(network, given.datum)
-    json = as_json(given, network, out, left_out, groups, words)
+    json = as_json(given, network, out, left_out, groups, [*words, *assumed_words(groups)])
     return SurveyResult(given=given, network=network, delivered=out, json=json)
 
 

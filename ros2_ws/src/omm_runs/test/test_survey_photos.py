@@ -9,7 +9,7 @@ from PIL import Image
 from omm_core.errors import MeasurementError
 from omm_core.files.survey import load_survey
 from omm_runs.photographs import Seen
-from omm_runs.survey_cameras import shifts_px
+from omm_runs.survey_cameras import assumed_words, shifts_px
 from omm_runs.survey_photos import doubled_numbers, photos_by_camera
 
 SIZE = (60, 40)
@@ -66,6 +66,24 @@ def test_each_body_and_lens_and_focal_length_is_a_camera(tmp_path):
     ]  # fmt: skip
     # The declared one; its body zoomed by as much as EXIF tells; another by EXIF alone.
     assert [group.focal_px for group in groups] == pytest.approx([2400.0, 2400.0, 3500.0])
+
+
+def test_a_camera_that_tells_no_focal_length_begins_with_the_view_of_the_first(tmp_path):
+    for i in range(9):
+        told = Image.Exif()
+        told[50708] = "D5600" if i < 5 else "D3200"
+        Image.new("L", SIZE).save(tmp_path / f"p{i}.tif", exif=told)
+    (tmp_path / "survey.yaml").write_text(
+        "photos: 'p*.tif'\ntarget_family: aicon12\n"
+        "camera: {pixel_size_mm: 0.01, focal_length_mm: 24}\n"
+    )
+    groups, reasons = photos_by_camera(load_survey(tmp_path), [seen(5.0 * i) for i in range(9)])
+    assert not reasons
+    assert [(g.name, g.focal_px, g.assumed) for g in groups] == [
+        ("D5600", 2400.0, False), ("D3200", 2400.0, True)
+    ]  # fmt: skip
+    (told,) = assumed_words(groups)
+    assert "focal length of D3200: it began at 2400 px" in told
 
 
 def test_too_few_photographs_of_a_camera_are_named_and_left_out(tmp_path):

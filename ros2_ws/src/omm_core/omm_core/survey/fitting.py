@@ -54,6 +54,7 @@ _KNEE, _FALL = 3.0, 0.5  # sigmas where a weight begins to fall, in the end; how
 _FAR_PX = 60.0  # from where a ray should be, at the start
 _MOST_DOUBT, _FAR = 1e4, 10.0  # times the variance; times the knee: does not take part
 _ANCHOR = 0.3  # of the network's size: sigma of a point's place while blunders are searched for
+_ALL_BESIDE_OTHERS = 8  # photographs that tell all of a lens, beside other cameras
 _BACK = 1.0  # of the rejection: what is better than that comes back, once
 ZOOM_SIGMA = 0.03  # of the focal length, a priori, where each photograph may have its own
 
@@ -335,7 +336,9 @@ class Fitting:
         if len(self.state.cameras) == 1:
             return STAGES[-1]
         photos = len(np.unique(self.photo[self.camera == camera]))
-        # What other cameras place tells the focal length of few photographs, too.
+        # Points that other cameras place tell more of a lens than its own photographs alone.
+        if photos >= _ALL_BESIDE_OTHERS:
+            return STAGES[-1]
         return stages_for(photos)[-1] or STAGES[1 if photos else 0]
 
     def _zoom_group(self, values: Values) -> Group:
