@@ -8,12 +8,18 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from omm_core.files.aicon import load_aicon
+from omm_core.files.aicon import AiconNetwork, load_aicon
 from omm_core.geometry import euler_xyz_rad_from_rotation
 from omm_core.survey.aicon import PARAMETERS, AdjustedNetwork, adjust_aicon
 
 # AICON's camera looks along -z with y up; camera_optical along +z with y down.
 _OPTICAL = np.diag([1.0, -1.0, -1.0])
+_SUSPECT = 0.25  # of the rays of a target or image
+_TOLD = 5
+_CAUSES = {
+    "Target": "it moved, or its number was mistaken",
+    "Image": "its numbers were mistaken, or zoom or focus was touched",
+}
 
 
 def survey_measured(folder: Path) -> dict[str, Any]:
@@ -26,10 +32,13 @@ def survey_measured(folder: Path) -> dict[str, Any]:
     network = load_aicon(folder)
     found = adjust_aicon(network)
     solution = found.solution
-    rays = np.bincount(np.searchsorted(found.points, network.point))
+    rays = np.bincount(
+        np.searchsorted(found.points, network.point[found.used]), minlength=len(found.points)
+    )
     findings = [
-        "Image points measured elsewhere: no ray is left out, all have one weight, and every"
-        " covariance is scaled by the sigma0 that comes out, that of the bars too."
+        "Image points measured elsewhere: all have one weight, and every covariance is scaled by"
+        " the sigma0 that comes out, that of the bars too.",
+        *left_out_words(network, found),
     ]
     bars = _bars(found, network.bars)
     if len(bars) == 1:
@@ -38,7 +47,7 @@ def survey_measured(folder: Path) -> dict[str, Any]:
         "converged": solution.converged,
         "sigma0": solution.sigma0,
         "sigma0_mm": found.sigma0_mm,
-        "rms_mm": float(np.sqrt(np.mean(solution.residuals["rays"] ** 2))),
+        "rms_mm": float(np.sqrt(np.mean(solution.residuals["rays"][found.used] ** 2))),
         "rms_px": None,
         "degrees_of_freedom": solution.degrees_of_freedom,
         "camera": {
@@ -52,6 +61,32 @@ def survey_measured(folder: Path) -> dict[str, Any]:
         "check_bars": [],
         "findings": findings,
     }
+
+
+def left_out_words(network: AiconNetwork, found: AdjustedNetwork) -> list[str]:
+    """Return what is told of the rays that are left out: of which points and images they are."""
+    out = ~found.used
+    if not out.any():
+        return []
+    words = []
+    for what, of in (("Target", network.point), ("Image", network.image)):
+        for number in np.unique(of[out]):
+            gone, every = int(np.sum(out & (of == number))), int(np.sum(of == number))
+            if gone >= 2 and gone >= _SUSPECT * every:
+                words.append(
+                    f"{what} {number}: {gone} of {every} rays do not fit and are left out;"
+                    f" {_CAUSES[what]}."
+                )
+    away = np.linalg.norm(found.solution.residuals["rays"], axis=1)
+    worst = np.flatnonzero(out)[np.argsort(-away[out])][:_TOLD]
+    some = "; ".join(
+        f"{network.point[i]} in image {network.image[i]}, {away[i]:.4f} mm" for i in worst
+    )
+    words.append(
+        f"{int(out.sum())} of {len(out)} image points are left out as blunders (8 sigma or more):"
+        f" {some}{' ...' if out.sum() > _TOLD else ''}."
+    )
+    return words
 
 
 def _points(found: AdjustedNetwork, rays: Any) -> list[dict[str, Any]]:

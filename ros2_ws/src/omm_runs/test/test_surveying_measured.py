@@ -1,5 +1,6 @@
 """An export of AICON's is adjusted to what AICON's own report says of it."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from omm_core.errors import InputError
 from omm_core.files.aicon import load_aicon
 from omm_core.survey.aicon import adjust_aicon
-from omm_runs.surveying_measured import survey_measured
+from omm_runs.surveying_measured import left_out_words, survey_measured
 
 SET = Path(__file__).parents[4] / ".." / "shared" / "data" / "survey" / "aicon_network"
 needs_set = pytest.mark.skipif(not SET.is_dir(), reason="the data beside the project is missing")
@@ -38,6 +39,32 @@ def test_points_have_the_standard_deviations_of_the_report_and_the_bar_has_its_l
         assert point["xyz_mm"] == pytest.approx(place, abs=0.006)
     (bar,) = result["scale_bars"]
     assert bar["measured_mm"] == pytest.approx(bar["length_mm"], abs=1e-5)
+
+
+@needs_set
+def test_blunders_moved_targets_and_swapped_numbers_are_left_out_named_and_harm_no_other():
+    network = load_aicon(SET)
+    clean = adjust_aicon(network)
+    rng = np.random.default_rng(3)
+    bad = rng.random(len(network.point)) < 0.05
+    measured = network.measured_mm.copy()
+    measured[bad] += rng.choice([-1, 1], (bad.sum(), 2)) * 10.0 ** rng.uniform(
+        -2, 0, (bad.sum(), 1)
+    )
+    moved = (network.point == 25) & (network.image > 60)
+    measured[moved] += [0.02, 0.01]
+    point, early = network.point.copy(), network.image < 12
+    point[early & (network.point == 36)], point[early & (network.point == 38)] = 38, 36
+    swapped = point != network.point
+    spoilt = replace(network, measured_mm=measured, point=point)
+    found = adjust_aicon(spoilt)
+    assert np.sum(~found.used != (bad | moved | swapped)) <= 3  # of 9972
+    words = left_out_words(spoilt, found)
+    assert any(w.startswith("Target 25: ") for w in words)
+    sigma = np.sqrt(np.diag(clean.covariance_of("points"))).reshape(-1, 3)
+    away = np.abs(found.solution.values["points"] - clean.solution.values["points"]) / sigma
+    assert np.sqrt(np.mean(away**2)) < 0.3
+    assert found.sigma0_mm == pytest.approx(clean.sigma0_mm, rel=0.02)
 
 
 def test_a_file_that_is_cut_is_refused(tmp_path):

@@ -3,27 +3,36 @@
 ``x = x0 + x_s + d(x_s, y_s)`` with ``x_s = c u/w`` in mm, radial ``A1 (r² - R0²) + A2 (r⁴ - R0⁴)``,
 tangential ``B1 (r² + 2 x²) + 2 B2 x y``, affinity ``C1 x + C2 y`` in x (Luhmann). All coordinates
 have one weight; the datum are shift and turn over all points; everything is scaled by the sigma0
-that comes out, as AICON 3D Studio does.
+that comes out, as AICON 3D Studio does. Its own network holds rays of up to 6.2 sigma: one is left
+out as a blunder from 8 sigma on.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from omm_core.adjustment import Block, Group, Problem, Solution, rigid_directions, solve
+from omm_core.adjustment import test_observations as w_tests
 from omm_core.adjustment.problem import Values
+from omm_core.adjustment.statistics import predicted_covariance
 from omm_core.files.aicon import AiconNetwork
 from omm_core.survey.camera_model import turn_and_shift
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 PARAMETERS = ("c_mm", "x0_mm", "y0_mm", "A1", "A2", "A3", "B1", "B2", "C1", "C2")
 FREE = (0, 1, 2, 3, 4, 6, 7)
 SIGMA_MM = 0.0005  # of a coordinate, a priori
+_REJECTION = 64.0  # t2 of a ray in units of what the rays show: 8 sigma
+_MEDIAN = 1.386  # of chi-square with two degrees of freedom
+_ROUNDS = 20
+_FEWEST = {"point": 2, "photo": 4}  # rays that are kept, whatever they say
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,12 +46,15 @@ class AdjustedNetwork:
     solution : Solution
     sigma0_mm : float
         Of an image coordinate.
+    used : (M,) bool array
+        Rays that take part, in the order of the file.
     """
 
     images: tuple[int, ...]
     points: tuple[int, ...]
     solution: Solution
     sigma0_mm: float
+    used: Flags
 
     def covariance_of(self, group: str) -> Array:
         """Return the covariance of lens, photos (turn, place) or points."""
@@ -74,20 +86,70 @@ def adjust_aicon(network: AiconNetwork) -> AdjustedNetwork:
         index={"points": first, "points:2": second},
         evaluate=lambda v: _lengths(v["points"], first, second),
     )  # fmt: skip
-    solution = solve(
-        Problem(
-            groups=(
-                Group(name="lens", values=lens, held=held, names=PARAMETERS),
-                Group(name="photos", values=_poses(network, images), update=turn_and_shift),
-                Group(name="points", values=places),
-            ),
-            blocks=(rays, lengths),
-            datum={"points": rigid_directions(places)},
-        )
+    groups = (
+        Group(name="lens", values=lens, held=held, names=PARAMETERS),
+        Group(name="photos", values=_poses(network, images), update=turn_and_shift),
+        Group(name="points", values=places),
     )
+    solution, used = _without_blunders(groups, rays, lengths)
     return AdjustedNetwork(
-        images=images, points=points, solution=solution, sigma0_mm=solution.sigma0 * SIGMA_MM
-    )
+        images=images, points=points, solution=solution, sigma0_mm=solution.sigma0 * SIGMA_MM,
+        used=used,
+    )  # fmt: skip
+
+
+def _without_blunders(
+    groups: tuple[Group, ...], rays: Block, lengths: Block
+) -> tuple[Solution, Flags]:
+    """Adjust, leave out the worst ray of each photograph and point, and so on until all fit."""
+    numbers = {"photo": rays.index["photos"], "point": rays.index["points"]}
+    start = rays.observed - rays.evaluate({g.name: g.values for g in groups})[0]
+    away = np.einsum("md,md->m", start, start)
+    used = np.ones(len(away), dtype=bool)
+    # What lies far beside where the file's own values see it must bend nothing.
+    far = np.flatnonzero(away > _REJECTION * float(np.median(away)) / _MEDIAN)
+    _leave_out(used, far[np.argsort(-away[far])], numbers)
+    for turn in range(_ROUNDS):
+        problem = Problem(
+            groups=groups, blocks=(replace(rays, used=used.copy()), lengths),
+            datum={"points": rigid_directions(groups[2].values)},
+        )  # fmt: skip
+        solution = solve(problem)
+        t2 = _tests(problem, solution, used)
+        bad = np.flatnonzero(used & (t2 > _REJECTION))
+        back = ~used & (t2 < _REJECTION) & (turn < _ROUNDS // 2)
+        if not back.any() and not _leave_out(used, bad[np.argsort(-t2[bad])], numbers, once=True):
+            break
+        used |= back
+    return solution, problem.blocks[0].used if problem.blocks[0].used is not None else used
+
+
+def _tests(problem: Problem, solution: Solution, used: Flags) -> Array:
+    """Return how badly each ray fits the others, in units of what most rays show."""
+    rays = problem.blocks[0]
+    t2 = w_tests(problem, solution)["rays"].t2
+    known = predicted_covariance(rays, solution.derivatives["rays"], solution)
+    off = solution.residuals["rays"]
+    both = np.linalg.inv(known + np.asarray(rays.covariance))
+    t2 = np.where(used, t2, np.einsum("mi,mij,mj->m", off, both, off))
+    return np.asarray(t2 * _MEDIAN / max(float(np.median(t2[used])), 1e-12))
+
+
+def _leave_out(
+    used: Flags,
+    rays: NDArray[np.intp],
+    numbers: dict[str, NDArray[np.integer[Any]]],
+    once: bool = False,
+) -> bool:
+    """Leave out rays in their order, as far as they can be spared; tell whether there was one."""
+    taken: set[tuple[str, int]] = set()
+    for ray in rays:
+        keys = {(kind, int(of[ray])) for kind, of in numbers.items()}
+        spared = all(np.sum(used & (of == of[ray])) > _FEWEST[kind] for kind, of in numbers.items())
+        if spared and not (once and keys & taken):
+            taken |= keys
+            used[ray] = False
+    return bool(taken)
 
 
 def _poses(network: AiconNetwork, images: tuple[int, ...]) -> Array:
