@@ -128,11 +128,18 @@ def standard(
     xml = string_at(arv.fake_camera_get_genicam_xml(plain, byref(size)), size.value)
     arv.g_object_unref(plain)
     path = tmp_path / "camera.xml"
-    path.write_bytes(xml.rstrip(b"\0").replace(b"<!-- Port -->", _FEATURES + b"<!-- Port -->"))
+    xml = xml.rstrip(b"\0").replace(b"<!-- Port -->", _FEATURES + b"<!-- Port -->")
+    yuv = b'<EnumEntry Name="YUV422Packed"><Value>%d</Value></EnumEntry>' % _YUV422
+    path.write_bytes(xml.replace(b'<EnumEntry Name="Mono16"', yuv + b'<EnumEntry Name="Mono16"'))
     arv.set_fake_camera_genicam_filename(str(path).encode())
 
-    def make(options: Usb3Options | None = None, *, ahead_ns: int = 0) -> Opened:
-        one = opened(options)
+    def make(
+        options: Usb3Options | None = None,
+        *,
+        ahead_ns: int = 0,
+        left: dict[int, int] | None = None,
+    ) -> Opened:
+        one = opened(options, left)
 
         def execute(camera: int, command: bytes) -> None:
             arv.camera_execute_command(camera, command)
@@ -246,10 +253,13 @@ def test_what_the_camera_makes_something_else_of_is_told(opened: Make) -> None:
     assert camera.notes == ("gain: asked for 2.5, the camera granted 2.",)
 
 
-def test_a_pixel_format_that_nobody_reads_is_refused_with_those_that_are(opened: Make) -> None:
-    one = opened(left={_PIXEL_FORMAT: _YUV422})
-    with pytest.raises(InputError, match=r"pixel_format to one of .*Mono8"):
+def test_a_pixel_format_that_nobody_reads_is_refused_with_those_that_are(standard: Make) -> None:
+    one = standard(left={_PIXEL_FORMAT: _YUV422})
+    with pytest.raises(InputError, match=r"set to YUV422Packed\. Set pixel_format to one of") as no:
         one.driver.open(CameraSettings())
+    readable = str(no.value).partition("one of")[2]
+    assert "Mono8" in readable
+    assert "YUV422Packed" not in readable
 
 
 # --- what the bus tells ---

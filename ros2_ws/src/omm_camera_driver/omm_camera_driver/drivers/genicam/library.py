@@ -48,6 +48,7 @@ _FALLIBLE: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "arv_camera_get_height_bounds": (None, (pointer, *(POINTER(c_int),) * 2)),
     "arv_camera_set_pixel_format_from_string": (None, (pointer, c_char_p)),
     "arv_camera_get_pixel_format_as_string": (c_char_p, (pointer,)),
+    "arv_camera_dup_available_pixel_formats": (POINTER(c_int64), (pointer, POINTER(c_uint32))),
     "arv_camera_dup_available_pixel_formats_as_strings": (
         POINTER(c_char_p),
         (pointer, POINTER(c_uint32)),

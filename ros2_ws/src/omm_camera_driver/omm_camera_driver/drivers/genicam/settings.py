@@ -219,9 +219,20 @@ class GenicamSettings:
         if is_read(self._call("camera_get_pixel_format")):
             return
         has = (self._call("camera_get_pixel_format_as_string") or b"?").decode()
+        count = c_uint32()
+        numbers = self._call("camera_dup_available_pixel_formats", byref(count))
+        readable = [
+            name
+            for name, number in zip(self._formats(), numbers[: count.value], strict=True)
+            if is_read(number)
+        ]
+        self._arv.g_free(numbers)
+        advice = (
+            f"Set pixel_format to one of {', '.join(readable)}." if readable else "It has none."
+        )
         raise InputError(
-            f"Expected a pixel format that is read (Mono8 to Mono16, Bayer, RGB8, BGR8), but the "
-            f"camera is set to {has}. Set pixel_format to one of {', '.join(self._formats())}."
+            "Expected a pixel format that is read (Mono8 to Mono16, Bayer, RGB8, BGR8), but the "
+            f"camera is set to {has}. {advice}"
         )
 
     def _formats(self) -> list[str]:
