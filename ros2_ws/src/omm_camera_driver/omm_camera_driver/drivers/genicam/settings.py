@@ -5,6 +5,7 @@ from ctypes import byref, c_double, c_int, c_int64, c_uint32
 from typing import Any
 
 from omm_camera_driver.driver import CameraSettings, Trigger, check_range
+from omm_camera_driver.drivers.genicam.left_behind import NEUTRAL, Value, left_automatic, take_back
 from omm_camera_driver.drivers.genicam.library import AUTO_OFF, Aravis
 from omm_camera_driver.pixels import is_read
 from omm_core.errors import DeviceError, InputError
@@ -20,18 +21,9 @@ _NUMBERS = {
 _PTP_FEATURES = (b"PtpEnable", b"GevIEEE1588")
 _PTP_STATUS = (b"PtpStatus", b"GevIEEE1588Status")
 _TEMPERATURES = (b"DeviceTemperature", b"DeviceTemperatureRaw")
-# What a former user may have left on, and a measuring camera must not have: a calibration holds for
-# pixels as the sensor has them, and exposures as they are asked for. Named in `controls`, it stays.
-_NEUTRAL: dict[str, int | str] = {
-    "BinningHorizontal": 1, "BinningVertical": 1, "DecimationHorizontal": 1,
-    "DecimationVertical": 1, "ReverseX": False, "ReverseY": False, "ChunkModeActive": False,
-    "TestPattern": "Off", "SequencerMode": "Off", "ExposureMode": "Timed",
-}  # fmt: skip
-
-
+_KINDS: dict[type, str] = {bool: "boolean", int: "integer", str: "string"}
 _SIGNED = {"gain": "Gain", "black_level": "BlackLevel"}
 _GRANTED_WITHIN = 0.05
-_AUTOMATICS = {"exposure_us": "ExposureAuto", "gain": "GainAuto"}
 
 
 class GenicamSettings:
@@ -58,12 +50,8 @@ class GenicamSettings:
             The camera does not have a setting, or not in this range.
         """
         self._stop()
-        notes = tuple(
-            note
-            for feature, neutral in _NEUTRAL.items()
-            if feature not in settings.controls and (note := self._take_back(feature, neutral))
-        )
-        for name in [name for name in settings.controls if name in _NEUTRAL]:
+        notes = take_back(self, keep=settings.controls)
+        for name in [name for name in settings.controls if name in NEUTRAL]:
             self._set_control(name, settings.controls[name])
         if settings.pixel_format is not None:
             self._set_pixel_format(settings.pixel_format)
@@ -74,9 +62,9 @@ class GenicamSettings:
         if settings.strobe_line:
             self._set_strobe(settings.strobe_line)
         for name, value in settings.controls.items():
-            if name not in _NEUTRAL:
+            if name not in NEUTRAL:
                 self._set_control(name, value)
-        notes = (*notes, *self._left_automatic(settings), *self._granted_otherwise(settings))
+        notes = (*notes, *left_automatic(self, settings), *self._granted_otherwise(settings))
         if ptp:
             self._first_available(_PTP_FEATURES, "PTP", self._enable)
         return notes
@@ -150,9 +138,15 @@ class GenicamSettings:
         """Return whether the camera has a feature, and it can be used now."""
         return bool(self._call("camera_is_feature_available", feature.encode()))
 
-    def set_string(self, feature: str, value: str) -> None:
-        """Set an enumeration."""
-        self._call("camera_set_string", feature.encode(), value.encode())
+    def get(self, feature: str, kind: type[Value]) -> Value:
+        """Return the value of a feature: a bool, an int, or the word of an enumeration."""
+        found = self._call(f"camera_get_{_KINDS[kind]}", feature.encode())
+        return (found or b"").decode() if kind is str else kind(found)
+
+    def put(self, feature: str, value: Value) -> None:
+        """Set a feature to a value of its kind."""
+        plain = value.encode() if isinstance(value, str) else int(value)
+        self._call(f"camera_set_{_KINDS[type(value)]}", feature.encode(), plain)
 
     def _stop(self) -> None:
         """End what a program that crashed has left running: it locks the settings."""
@@ -161,36 +155,6 @@ class GenicamSettings:
         except DeviceError:
             # Some cameras refuse to stop while they stand still.
             return
-
-    def _take_back(self, feature: str, neutral: int | str) -> str:
-        """Set a feature to its neutral value; return what it was, empty where it was neutral."""
-        name = feature.encode()
-        if not self._call("camera_is_feature_available", name):
-            return ""
-        kind = {bool: "boolean", int: "integer", str: "string"}[type(neutral)]
-        try:
-            found = self._call(f"camera_get_{kind}", name)
-            found = found.decode() if isinstance(found, bytes) else type(neutral)(found)
-            if found == neutral:
-                return ""
-            value = neutral.encode() if isinstance(neutral, str) else int(neutral)
-            self._call(f"camera_set_{kind}", name, value)
-        except DeviceError as error:
-            return f"{feature} could not be made sure of: {error}"
-        return f"{feature} was {found}, left by a former user; it is {neutral} now."
-
-    def _left_automatic(self, settings: CameraSettings) -> list[str]:
-        """Return what the camera changes by itself, since nobody asked for a value."""
-        notes = []
-        for name, feature in _AUTOMATICS.items():
-            if getattr(settings, name) is None and feature not in settings.controls:
-                told = self.has(feature) and self._call("camera_get_string", feature.encode())
-                if told and told != b"Off":
-                    notes.append(
-                        f"{feature} is {told.decode()}: the camera changes it from image to image. "
-                        f"Set {name} for images that are alike."
-                    )
-        return notes
 
     def _granted_otherwise(self, settings: CameraSettings) -> list[str]:
         """Return what the camera made something else of than was asked for."""

@@ -105,7 +105,7 @@ class Usb3Link:
                 f"Expected usb_bandwidth_mb_per_s to be left unset: this camera has no {_LIMIT}."
             )
         if settings.has(_LIMIT_MODE):  # first: while it is off, many cameras lock the limit
-            settings.set_string(_LIMIT_MODE, "On")
+            settings.put(_LIMIT_MODE, "On")
         wanted = round(self._options.bandwidth_mb_per_s * 1e6)
         granted = settings.set_integer(_LIMIT, wanted, "B/s") / 1e6
         return {**self._speed(), "usb_bandwidth_mb_per_s": granted}
