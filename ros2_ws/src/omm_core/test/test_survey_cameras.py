@@ -1,5 +1,7 @@
 """Photographs of several cameras in one bundle: each has its own lens and noise."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -126,3 +128,22 @@ def test_a_focal_length_told_wrong_is_named_by_camera(network: Network) -> None:
     words = findings_of(network, str, [3010.0, 2600.0])
     assert any(w.startswith("The focal length of wide comes out as 0.81 times") for w in words)
     assert not any("of tele comes out" in w for w in words)
+
+
+def test_a_zoom_touched_in_one_camera_is_named_and_the_other_is_kept() -> None:
+    scene = Scene(5)
+    touched = {15, 17, 19, 21, 23}  # the last of "wide"
+
+    def seen(photo: int, at: np.ndarray) -> np.ndarray:
+        return MIDDLE + 1.002 * (at - MIDDLE) if photo in touched else at
+
+    scene.sightings = [replace(s, center_px=seen(s.photo, s.center_px)) for s in scene.sightings]
+    scene.dots = {
+        photo: tuple(replace(d, center_px=seen(photo, d.center_px)) for d in dots)
+        for photo, dots in scene.dots.items()
+    }
+    network = scene.solved()
+    assert set(network.left_out_photos) == touched
+    assert all("+0.2" in why for why in network.left_out_photos.values())
+    assert len(network.photos) == PHOTOS - len(touched)
+    assert len(network.points) == len(scene.points)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from omm_core.errors import MeasurementError
+from omm_core.errors import InputError, MeasurementError
 from omm_core.files.survey import load_survey
 from omm_runs.photographs import Seen
 from omm_runs.survey_cameras import assumed_words, shifts_px
@@ -141,3 +141,18 @@ def test_a_number_that_two_photographs_show_twice_stands_on_two_targets():
     assert doubled == {7}
     assert words[0].startswith("Target 7 is left out: 2 photographs (a, c ...)")
     assert words[1].startswith("a: target 9 is read twice in it")
+
+
+def test_cameras_that_cannot_be_meant_are_refused(tmp_path):
+    for i in range(3):
+        Image.new("L", SIZE).save(tmp_path / f"a{i}.png")
+    for text, words in (
+        ("cameras: [{photos: 'a*.png'}]\nphotos: 'a*.png'", "either 'cameras'"),
+        ("cameras: [{photos: 'a*.png'}, {photos: [a1.png]}]", r"a1\.png is another camera's"),
+        ("cameras: [{name: mine}]", "'photos' is missing"),
+        ("cameras: {photos: 'a*.png'}", "expected a list"),
+        ("cameras: [{photos: 'a*.png', focal_length_mm: 24}]", "pixel_size_mm"),
+    ):
+        (tmp_path / "survey.yaml").write_text(f"target_family: aicon12\n{text}\n")
+        with pytest.raises(InputError, match=words):
+            load_survey(tmp_path)
