@@ -61,14 +61,24 @@ def find_dots(half, step, most_step, contrast, max_run, gap_ratio, read_ratio, f
             steep[x] = abs(d) >= step
         edges = _edges(row, steep, eights, edge_x, edge_d)
         strong_x, strong = np.int64(-1), np.int64(0)
+        first_x = np.int64(-1)
         for k in range(edges):
             x, peak = edge_x[k], edge_d[k]
-            if k > 0 and (edge_d[k - 1] > 0) != (peak > 0):
+            turns = k > 0 and (edge_d[k - 1] > 0) != (peak > 0)
+            if turns:
                 left = edge_x[k - 1]
                 if 2 <= x - left <= max_run:
                     count = _test_run(
                         half, left, x, y, peak < 0, contrast, ratios, seen, found, count
                     )
+            # Where light falls across the dot, that is one more step of the same sign.
+            new = first_x != strong_x and first_x != edge_x[k - 1]
+            if turns and new and 2 <= x - first_x <= max_run:
+                count = _test_run(
+                    half, first_x, x, y, peak < 0, contrast, ratios, seen, found, count
+                )
+            if k == 0 or turns or x - first_x > max_run:
+                first_x = x
             # What lies within the dot may have edges too: the outer ones are stronger.
             outer = strong != 0 and strong_x != edge_x[k - 1] and (strong > 0) != (peak > 0)
             if outer and 2 <= x - strong_x <= max_run and 3 * abs(peak) >= abs(strong):
@@ -147,17 +157,19 @@ def _test_run(half, left, right, y, bright, contrast, ratios, seen, found, count
             return count
     # Of an ellipse, three times as long as wide and slanting, the longer half is within this.
     reach = int(1.2 * max(right - left, up + down)) + 3
-    ok, col, row, xx, xy, yy = ellipse(
-        half, 0.5 * (left + right), y + 0.5 * (down - up), level, sign, reach
-    )
-    if not ok:
-        return count
-    if not _ring_like(half, col, row, xx, xy, yy, level, sign, gap_ratio, read_ratio):
-        return count
-    r = 0.7 / math.sqrt(xx + yy)
-    y0, y1 = max(int(row - r) >> 1, 0), min((int(row + r) >> 1) + 1, seen.shape[0])
-    x0, x1 = max(int(col - r) >> 1, 0), min((int(col + r) >> 1) + 1, seen.shape[1])
-    seen[y0:y1, x0:x1] = 1
+    across = 0.5 * (left + right)
+    ok, col, row, xx, xy, yy = ellipse(half, across, middle, level, sign, reach)
+    if not ok or not _ring_like(half, col, row, xx, xy, yy, sign, gap_ratio, read_ratio):
+        if not _falls(half, x, y, (right - left) >> 2, (up + down) >> 2):
+            return count
+        if not ok or not _in_proportion(half, col, row, xx, xy, yy, sign, gap_ratio, read_ratio):
+            # Where light falls across a dot, its dark side lies below half of its middle.
+            level = (inside + 3 * outside) >> 2
+            ok, col, row, xx, xy, yy = ellipse(half, across, middle, level, sign, reach)
+            ok = ok and _in_proportion(half, col, row, xx, xy, yy, sign, gap_ratio, read_ratio)
+        if not ok:
+            return count
+    _mark(seen, col, row, 0.7 / math.sqrt(xx + yy))
     found[count, 0], found[count, 1] = col, row
     found[count, 2], found[count, 3], found[count, 4] = xx, xy, yy
     found[count, 5] = sign
@@ -165,7 +177,51 @@ def _test_run(half, left, right, y, bright, contrast, ratios, seen, found, count
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _ring_like(half, col, row, xx, xy, yy, level, sign, gap_ratio, read_ratio):
+def _mark(seen, col, row, r):
+    """Mark the square of half width r around a dot's middle as seen."""
+    y0, y1 = max(int(row - r) >> 1, 0), min((int(row + r) >> 1) + 1, seen.shape[0])
+    x0, x1 = max(int(col - r) >> 1, 0), min((int(col + r) >> 1) + 1, seen.shape[1])
+    seen[y0:y1, x0:x1] = 1
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _falls(half, x, y, aside, above):
+    """Return whether the light falls by a third and more across what may be a dot."""
+    left, right = np.int64(half[y, x - aside]), np.int64(half[y, x + aside])
+    upper, lower = np.int64(half[y - above, x]), np.int64(half[y + above, x])
+    least = min(min(left, right), min(upper, lower))
+    return 2 * max(max(left, right), max(upper, lower)) > 3 * least + 2
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _in_proportion(half, col, row, xx, xy, yy, sign, gap_ratio, read_ratio):
+    """Return whether dot, gap and ring differ *in proportion* on all sides, as `_ring_like`."""
+    height, width = half.shape
+    set_samples = 0
+    for i in range(48):
+        c, s = COS[i], SIN[i]
+        r = 1.0 / math.sqrt(xx * c * c + 2 * xy * c * s + yy * s * s)
+        x, y = int(col + read_ratio * r * c + 0.5), int(row + read_ratio * r * s + 0.5)
+        if not (0 <= x < width and 0 <= y < height):
+            return False
+        on = np.int64(half[y, x])
+        gap = np.int64(half[int(row + gap_ratio * r * s + 0.5), int(col + gap_ratio * r * c + 0.5)])
+        dot = np.int64(half[int(row + 0.5 * r * s + 0.5), int(col + 0.5 * r * c + 0.5)])
+        if not _differ(dot, gap, sign):
+            return False
+        set_samples += _differ(on, gap, sign)
+    return 3 <= set_samples <= 46
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _differ(one, other, sign):
+    """Return whether one is brighter (sign 1) or darker than the other by half of the darker."""
+    high, low = (one, other) if sign > 0 else (other, one)
+    return 2 * high > 3 * low + 2
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _ring_like(half, col, row, xx, xy, yy, sign, gap_ratio, read_ratio):
     """Return whether the gap is clear, and something is set at the ring's radius."""
     height, width = half.shape
     for ratio in (gap_ratio, 0.5):

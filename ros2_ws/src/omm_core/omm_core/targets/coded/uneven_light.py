@@ -25,7 +25,7 @@ MAX_FALL = 3.3
 """Largest range of the logarithm around the ring: 27 times."""
 MIN_FALL = 0.15
 """What falls less is evenly lit: then something else was against the ring."""
-MAX_STRAIN = 2.0
+MAX_STRAIN = 2.5
 """Largest χ² per sector of what is found against what light does."""
 _LEVEL, _SLOPE, _BEND, _SMOOTH, _LENGTH = 0.5, 0.7, 0.3, 0.3, 0.6
 _OF_A_SECTOR, _OF_THE_DOT = 0.06, 0.8
