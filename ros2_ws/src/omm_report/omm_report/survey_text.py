@@ -17,10 +17,12 @@ def survey_text(result: dict[str, Any]) -> str:
         if result["rms_px"] is not None
         else f"{result['rms_mm'] * 1000:.3f} um rms"
     )
+    kinds = {} if "cameras" in result else result.get("sigma0_by", {})
+    by_kind = f" ({', '.join(f'{k} {s:.3f}' for k, s in kinds.items())})" if kinds else ""
     lines = [
         f"{coded} coded and {len(points) - coded} plain targets from {used} of"
         f" {len(result['photos'])} photographs",
-        f"residuals {residuals}, {result['sigma0']:.3f} times what was expected;"
+        f"residuals {residuals}, {result['sigma0']:.3f} times what was expected{by_kind};"
         f" {result['degrees_of_freedom']} degrees of freedom",
     ]
     if points:

@@ -63,7 +63,8 @@ def test_the_scene_holds_every_point_and_every_photograph_that_was_placed():
 
 
 def test_the_text_tells_bars_and_findings():
-    text = survey_text(result())
+    text = survey_text({**result(), "sigma0_by": {"coded": 1.2, "plain": 0.9}})
+    assert "1.100 times what was expected (coded 1.200, plain 0.900);" in text
     assert "scale bar 1-3: 100.0020 mm, +0.0020" in text
     assert text.endswith("Only one scale bar.")
 
