@@ -10,6 +10,7 @@ from omm_core.survey.sighting import Bar
 
 _DISAGREE = 5.0  # sigmas of the scale of one bar against that of the others
 _REFUSED = 10.0
+_DOUBTED = 2.5  # from which on it is told
 
 
 def agreeing_bars(network: Network, bars: list[Bar]) -> tuple[list[Bar], list[str]]:
@@ -34,10 +35,10 @@ def agreeing_bars(network: Network, bars: list[Bar]) -> tuple[list[Bar], list[st
     words = []
     while len(there) > 1:
         worst, off, sigmas = _worst(network, there)
-        if sigmas < _DISAGREE:
+        if sigmas < _DOUBTED:
             break
         name = f"{worst.ends[0]}-{worst.ends[1]}"
-        told = f"{off:+.4f} mm off the {worst.length_mm:.4f} mm declared, {sigmas:.0f} sigma"
+        told = f"{off:+.4f} mm off the {worst.length_mm:.4f} mm declared, {sigmas:.1f} sigma"
         if len(there) == 2:
             other = next(b for b in there if b is not worst)
             both = f"{name} and {other.ends[0]}-{other.ends[1]}"
@@ -47,6 +48,11 @@ def agreeing_bars(network: Network, bars: list[Bar]) -> tuple[list[Bar], list[st
                     f" {told}. One of their lengths or numbers is wrong; two bars cannot tell"
                     f" which. Correct it, or leave the doubtful bar out."
                 )
+        if len(there) == 2 or sigmas < _DISAGREE:
+            words.append(
+                f"The scale bars hardly agree: measured by the others, {name} comes out {told}."
+                " All of them are used; the scale may be wrong by as much. Check their lengths."
+            )
             break
         words.append(
             f"The scale bars disagree: {name} comes out {told}; it is left out. Check its length"
