@@ -11,7 +11,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 from asyncua import Server, ua  # noqa: E402
 
 from omm_cnc_bridge.controls.opcua.addresses import Addresses  # noqa: E402
-from omm_cnc_bridge.controls.opcua.nodes import _unit  # noqa: E402
+from omm_cnc_bridge.controls.opcua.nodes import _refuse_shared, _unit  # noqa: E402
 from omm_core.errors import InputError  # noqa: E402
 
 URI = "urn:maker:mill"
@@ -109,3 +109,10 @@ def test_a_unit_whose_code_and_words_contradict_each_other_is_none(server, code,
         return await _unit(node)
 
     assert asyncio.run(told()) == unit
+
+
+def test_two_axes_with_one_node_for_their_position_are_refused(server):
+    node = asyncio.run(addresses(server, []).find("Axes/X"))
+    _refuse_shared({("X", "position"): node, ("Y", "status"): node})
+    with pytest.raises(InputError, match=r"Axes\.X\.act for X and Y"):
+        _refuse_shared({("X", "position"): node, ("Y", "position"): node})

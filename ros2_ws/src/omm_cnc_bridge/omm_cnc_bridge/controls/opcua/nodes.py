@@ -96,6 +96,7 @@ class NodeFinder:
         if not self.scales:
             reasons = "; ".join(f"axis {axis} {why}" for axis, why in self.unusable.items())
             raise InputError(f"OPC UA: expected axes that can be used: {reasons or 'none are'}.")
+        _refuse_shared(nodes)
         nodes |= await self._channel_nodes()
         nodes[CLOCK] = self._client.get_node(ua.ObjectIds.Server_ServerStatus_CurrentTime)
         return nodes
@@ -206,6 +207,18 @@ class NodeFinder:
             # Of a unit that is none the angle is not known, which stops no pose.
             self.per_angle = UNITS[unit] if unit in ANGLE_UNITS else math.nan
         return nodes
+
+
+def _refuse_shared(nodes: dict[Key, Node]) -> None:
+    """Raise InputError where two axes would have one position: a slip of the pen."""
+    owners: dict[ua.NodeId, str] = {}
+    for (axis, item), node in nodes.items():
+        other = owners.setdefault(node.nodeid, axis) if item in POSITIONS else axis
+        if other != axis:
+            raise InputError(
+                f"OPC UA: expected a node of its own as the position of each axis, got"
+                f" {node.nodeid.to_string()} for {other} and {axis}."
+            )
 
 
 def _without_unitless(
