@@ -1,13 +1,14 @@
 """A network of photographs gives back the points that it was made of."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from omm_core.errors import MeasurementError
-from omm_core.survey import Bar, Network, Sighting, solve_network
+from omm_core.survey import Bar, Network, Sighting, coded_network, solve_network
 from omm_core.survey.camera_model import evaluate_rays, turn_and_shift
 from omm_core.survey.misreading import misread_targets
 from omm_core.survey.words import findings_of
@@ -153,6 +154,27 @@ def test_a_blunder_on_a_point_with_few_rays_costs_no_good_ray() -> None:
         if not used
     ]
     assert out == [(4, 19)]
+
+
+def test_a_step_of_the_start_that_nothing_holds_does_not_end_the_survey(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    points, sightings = photographs(np.random.default_rng(22))
+    # Photographs that show four targets wait until the lens is known: a second step.
+    few = [s for s in sightings if s.photo != 17 or s.point < 4]
+    real, failed = coded_network.adjusted, []
+
+    def failing(*args: Any) -> Network:
+        if len(args[0].photos) == 18 and not failed:
+            failed.append(args)
+            raise np.linalg.LinAlgError("not positive definite")
+        return real(*args)
+
+    monkeypatch.setattr(coded_network, "adjusted", failing)
+    network = solve_network(few, bars_of(points), 3010.0, SIZE)
+    assert failed
+    assert set(network.photos) >= set(range(17))
+    assert len(network.points) == 20
 
 
 def test_numbers_swapped_in_three_photographs_are_named_and_harm_no_other() -> None:

@@ -104,7 +104,12 @@ def _coded_network(
         if not new:
             break
         tries.update(new)
-        network = adjusted(state, sightings, [], middle, stages_for(len(state.photos))[-1:])
+        stage = stages_for(len(state.photos))[-1:]
+        try:
+            network = adjusted(state, sightings, [], middle, stage)
+        except np.linalg.LinAlgError:
+            # Something new is not held by its rays: go on without; what is good is placed later.
+            tries.update(dict.fromkeys(new, _TRIES))
     return network
 
 
