@@ -53,8 +53,7 @@ def started(
     reason: Exception | None = None
     for factor in _FOCAL_TRIED:
         try:
-            with np.errstate(all="ignore"):
-                found = _coded_network(sightings, bars, cameras, factor, middle, declared)
+            found = _coded_network(sightings, bars, cameras, factor, middle, declared)
         except (MeasurementError, np.linalg.LinAlgError, ValueError) as error:
             reason = reason or error
             continue

@@ -32,6 +32,9 @@ from omm_core.targets.plain import PlainDot
 Array = NDArray[np.float64]
 
 _WEEDINGS = 8
+_BENT_SIGMA0 = 10.0  # times what was expected; good photographs of a real plate have 2.4
+_SUSPECTS = 3  # targets tried, where one may bend everything
+BENDS = "its photographs show it in places far apart; it moved, or its number stands on two targets"
 _FEWEST_ZOOMS = 6  # photographs whose focal lengths can be compared
 
 
@@ -65,6 +68,73 @@ def solve_network(
     declared = diameters_mm or {}
     if not isinstance(cameras, Cameras):
         cameras = Cameras(focal_px=(float(cameras),))
+    with np.errstate(all="ignore"):  # what diverges is judged by where it ends
+        return _solved_or_without_one(sightings, bars, cameras, middle, dots or {}, declared)
+
+
+def _solved_or_without_one(
+    sightings: list[Sighting],
+    bars: list[Bar],
+    cameras: Cameras,
+    middle: Array,
+    dots: dict[int, tuple[PlainDot, ...]],
+    declared: dict[str, float],
+) -> Network:
+    """Return the network; without one target where nothing fits with it."""
+    given = (bars, cameras, middle, dots, declared)
+    try:
+        network = _solved(sightings, *given)
+    except MeasurementError as error:
+        found = _solved_without_one(sightings, *given) if str(error) == LOOSE else None
+        if found is None:
+            raise
+        return found
+    if network.sigma0 > _BENT_SIGMA0:
+        return _solved_without_one(sightings, *given) or network
+    return network
+
+
+def _solved_without_one(
+    sightings: list[Sighting],
+    bars: list[Bar],
+    cameras: Cameras,
+    middle: Array,
+    dots: dict[int, tuple[PlainDot, ...]],
+    declared: dict[str, float],
+) -> Network | None:
+    """Return the network without the one target that bends all others, or None.
+
+    A target that half of its photographs show somewhere else, far away, spoils the start: its error
+    passes for noise, and later everything contradicts everything.
+    """
+    try:
+        bent = started(sightings, bars, cameras, middle, declared)
+    except MeasurementError:
+        return None
+    far = dict.fromkeys({s.point for s in sightings}, np.inf)  # what has no place comes first
+    far.update(dict.fromkeys(bent.points, 0.0))
+    off = np.linalg.norm(bent.solution.residuals["rays"], axis=1)
+    for sighting, away in zip(bent.sightings, off, strict=True):
+        far[sighting.point] += float(away)
+    for number in sorted(far, key=lambda n: (-far[n], n))[:_SUSPECTS]:
+        left = [s for s in sightings if s.point != number]
+        try:
+            network = _solved(left, bars, cameras, middle, dots, declared)
+        except MeasurementError:
+            continue
+        if network.sigma0 < _BENT_SIGMA0:
+            return replace(network, left_out_points={number: BENDS, **network.left_out_points})
+    return None
+
+
+def _solved(
+    sightings: list[Sighting],
+    bars: list[Bar],
+    cameras: Cameras,
+    middle: Array,
+    dots: dict[int, tuple[PlainDot, ...]],
+    declared: dict[str, float],
+) -> Network:
     network = started(sightings, bars, cameras, middle, declared)
     zoomed = _zoomed(network, sightings, declared)
     if zoomed:
@@ -82,7 +152,7 @@ def solve_network(
             network = _without(network, moved, sightings, declared)
         bars, words = agreeing_bars(network, bars)
         out = Misfits(points=moved, photos=zoomed)
-        left = {n: of_photo for n, of_photo in (dots or {}).items() if n not in zoomed}
+        left = {n: of_photo for n, of_photo in dots.items() if n not in zoomed}
         found = Found(sightings=sightings, bars=bars, dots=left, declared_mm=declared)
         every = sightings
         if dots:

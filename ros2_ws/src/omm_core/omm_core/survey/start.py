@@ -156,7 +156,13 @@ def _best_pose(places: Array, seen: Array, first: tuple[Array, Array]) -> tuple[
     for method in (cv2.SOLVEPNP_SQPNP, cv2.SOLVEPNP_IPPE):
         flat = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
         if method == cv2.SOLVEPNP_SQPNP or flat[2] < _FLAT * flat[1]:
-            _, turns, shifts, _ = cv2.solvePnPGeneric(places, seen, np.eye(3), None, flags=method)
+            try:
+                _, turns, shifts, _ = cv2.solvePnPGeneric(
+                    places, seen, np.eye(3), None, flags=method
+                )
+            except cv2.error:
+                # Places that all but coincide, as blunders make them: OpenCV refuses them.
+                continue
             tried += list(zip(turns, shifts, strict=True))
     refined = []
     for turn, shift in tried:
