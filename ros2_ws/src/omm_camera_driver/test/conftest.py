@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from omm_camera_driver.drivers.genicam import library
+from omm_camera_driver.drivers.genicam import aravis
 
 sys.path.insert(0, str(Path(__file__).parent))
 from camera_peers import ADDRESS, CameraProcess, Recorder
@@ -18,8 +18,8 @@ from camera_peers import ADDRESS, CameraProcess, Recorder
 def gige_address() -> Iterator[str]:
     """The address of the simulated camera: one test run of this computer at a time has it."""
     try:
-        library.load()
-    except library.AravisMissing as missing:
+        aravis.load()
+    except aravis.AravisMissing as missing:
         pytest.skip(str(missing))
     with open(Path(tempfile.gettempdir()) / "omm-simulated-gige-camera.lock", "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from omm_camera_driver.driver import CameraSettings, DeviceLost, Frame, Trigger
-from omm_camera_driver.drivers.genicam import library
+from omm_camera_driver.drivers.genicam import aravis
 from omm_camera_driver.drivers.genicam.driver import GenicamDriver
 from omm_camera_driver.drivers.usb3.finding import ListedCamera, choose, seen_as
 from omm_camera_driver.drivers.usb3.link import Usb3Link, Usb3Options
@@ -31,8 +31,8 @@ class FakeLink(Usb3Link):
 @pytest.fixture
 def driver() -> Iterator[GenicamDriver]:
     try:
-        library.load()
-    except library.AravisMissing as missing:
+        aravis.load()
+    except aravis.AravisMissing as missing:
         pytest.skip(str(missing))
     opened = GenicamDriver(FakeLink(Usb3Options()))
     yield opened
@@ -74,7 +74,7 @@ def test_an_unplugged_camera_is_lost_with_advice(
     def gone(*_: object) -> None:
         raise DeviceError("LIBUSB_ERROR_NO_DEVICE")
 
-    monkeypatch.setattr(library.load(), "device_read_register", gone)
+    monkeypatch.setattr(aravis.load(), "device_read_register", gone)
     with pytest.raises(DeviceLost, match=r"NO_DEVICE.*USB port"):
         driver.check()
 

@@ -13,7 +13,7 @@ import pytest
 
 from omm_camera_driver.clocks import Clocks, WallClock, read_clocks
 from omm_camera_driver.driver import CameraSettings, Frame
-from omm_camera_driver.drivers.genicam import library
+from omm_camera_driver.drivers.genicam import aravis
 from omm_camera_driver.drivers.genicam.driver import GenicamDriver
 from omm_camera_driver.drivers.genicam.link import Linked
 from omm_camera_driver.drivers.usb3.link import Usb3Link, Usb3Options
@@ -63,15 +63,15 @@ Make = Callable[..., Opened]
 
 
 @pytest.fixture(scope="module")
-def arv() -> library.Aravis:
+def arv() -> aravis.Aravis:
     try:
-        return library.load()
-    except library.AravisMissing as missing:
+        return aravis.load()
+    except aravis.AravisMissing as missing:
         pytest.skip(str(missing))
 
 
 @pytest.fixture
-def opened(arv: library.Aravis) -> Iterator[Make]:
+def opened(arv: aravis.Aravis) -> Iterator[Make]:
     made: list[Opened] = []
 
     def make(options: Usb3Options | None = None, left: dict[int, int] | None = None) -> Opened:
@@ -110,7 +110,7 @@ _FEATURES = b"""
 class _Replaced:
     """Aravis with some functions replaced."""
 
-    def __init__(self, arv: library.Aravis, **functions: Callable[..., object]) -> None:
+    def __init__(self, arv: aravis.Aravis, **functions: Callable[..., object]) -> None:
         self._arv = arv
         self.__dict__.update(functions)
 
@@ -120,7 +120,7 @@ class _Replaced:
 
 @pytest.fixture
 def standard(
-    arv: library.Aravis, tmp_path: Path, opened: Make, monkeypatch: pytest.MonkeyPatch
+    arv: aravis.Aravis, tmp_path: Path, opened: Make, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[Make]:
     """Make cameras with those features; theirs is the computer's wall clock."""
     plain = arv.fake_camera_new(b"plain")
@@ -174,7 +174,7 @@ def test_the_stamp_is_of_the_latched_clock(standard: Make) -> None:
 
 
 def test_a_system_clock_that_is_set_moves_the_stamps_and_not_the_camera_s_clock(
-    standard: Make, arv: library.Aravis
+    standard: Make, arv: aravis.Aravis
 ) -> None:
     one = standard()
     step_ns = 0
@@ -270,7 +270,7 @@ def test_a_limit_that_the_camera_does_not_know_is_refused(opened: Make) -> None:
         opened(Usb3Options(bandwidth_mb_per_s=100.0)).driver.open(CameraSettings())
 
 
-def test_the_bus_s_own_errors_say_what_to_do(opened: Make, arv: library.Aravis) -> None:
+def test_the_bus_s_own_errors_say_what_to_do(opened: Make, arv: aravis.Aravis) -> None:
     one = opened()
 
     def busy(*_: object) -> None:
@@ -281,7 +281,7 @@ def test_the_bus_s_own_errors_say_what_to_do(opened: Make, arv: library.Aravis) 
         one.driver.open(CameraSettings())
 
 
-def test_the_search_of_aravis_for_usb3_cameras_runs_here(arv: library.Aravis) -> None:
+def test_the_search_of_aravis_for_usb3_cameras_runs_here(arv: aravis.Aravis) -> None:
     """The real interface, on a computer without such a camera as a rule."""
     link = Usb3Link(Usb3Options(device="no such camera"))
     with pytest.raises(DeviceError, match="Expected a USB3 Vision camera called no such camera"):

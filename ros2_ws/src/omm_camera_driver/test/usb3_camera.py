@@ -23,7 +23,7 @@ from queue import Queue
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_camera_driver.drivers.genicam import library
+from omm_camera_driver.drivers.genicam import aravis
 
 VENDOR, MODEL, GUID, SERIAL = "omm", "M-500", "0ABC12345678", "22097655"
 WIDTH, HEIGHT = 512, 384
@@ -176,12 +176,12 @@ class _Device:
 
 def _memory() -> bytearray:
     """Return the camera's memory: bootstrap registers, features as Aravis' camera has them, XML."""
-    arv, memory = library.load(), bytearray(_MEMORY)
+    arv, memory = aravis.load(), bytearray(_MEMORY)
     plain, size = arv.fake_camera_new(b"plain"), c_size_t()
     text = ctypes.string_at(
         arv.fake_camera_get_genicam_xml(plain, byref(size)), size.value
     ).decode()
-    read = ctypes.CDLL(library.LIBRARY).arv_fake_camera_read_memory
+    read = ctypes.CDLL(aravis.LIBRARY).arv_fake_camera_read_memory
     read.argtypes = (ctypes.c_void_p, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_void_p)
     features = ctypes.create_string_buffer(0x1000)
     read(plain, 0, len(features), features)

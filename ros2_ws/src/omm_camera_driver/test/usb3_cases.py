@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from usb3_camera import GUID, MODEL, VENDOR, Usb3Camera, image
 
 from omm_camera_driver.driver import CameraSettings, DeviceLost, Trigger
-from omm_camera_driver.drivers.genicam import library
+from omm_camera_driver.drivers.genicam import aravis
 from omm_camera_driver.drivers.genicam.driver import GenicamDriver
 from omm_camera_driver.drivers.usb3.link import Usb3Link, Usb3Options
 from omm_camera_driver.drivers.usb3.sysfs import plugged
@@ -23,8 +23,8 @@ UDEVD = Path("/lib/systemd/systemd-udevd")
 SETTINGS = CameraSettings(trigger=Trigger.SOFTWARE, exposure_us=20_000.0, pixel_format="Mono8")
 
 try:
-    library.load()
-except library.AravisMissing as missing:
+    aravis.load()
+except aravis.AravisMissing as missing:
     pytest.skip(str(missing), allow_module_level=True)
 
 

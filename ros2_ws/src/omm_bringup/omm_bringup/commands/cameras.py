@@ -3,6 +3,7 @@
 import argparse
 import json
 from dataclasses import asdict, dataclass
+from typing import Protocol
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,6 +27,17 @@ class ListedCamera:
     serial: str
     address: str
     problem: str
+
+
+class _Named(Protocol):
+    """What says of itself who made it."""
+
+    @property
+    def vendor(self) -> str: ...
+    @property
+    def model(self) -> str: ...
+    @property
+    def serial(self) -> str: ...
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -59,46 +71,39 @@ def run(args: argparse.Namespace) -> int:
 def _gige(timeout_s: float) -> list[ListedCamera]:
     from omm_camera_driver.drivers.gige import gvcp
 
-    library = _aravis_problem()
+    aravis = _aravis_problem()
     return [
-        ListedCamera(
-            driver="gige",
-            device=found.serial or found.address,
-            vendor=found.vendor,
-            model=found.model,
-            serial=found.serial,
-            address=found.address,
-            problem=library or found.why_unreachable() or _held(found.address),
-        )
-        for found in gvcp.discover(timeout_s)
+        _listed("gige", c, c.address, aravis or c.why_unreachable() or _held(c.address))
+        for c in gvcp.discover(timeout_s)
     ]
 
 
 def _usb3() -> list[ListedCamera]:
     from omm_camera_driver.drivers.usb3 import sysfs
 
-    library = _aravis_problem()
-    return [
-        ListedCamera(
-            driver="usb3",
-            device=found.serial or found.port,
-            vendor=found.vendor,
-            model=found.model,
-            serial=found.serial,
-            address=found.port,
-            problem=library or found.problem(),
-        )
-        for found in sysfs.plugged()
-    ]
+    aravis = _aravis_problem()
+    return [_listed("usb3", c, c.port, aravis or c.problem()) for c in sysfs.plugged()]
+
+
+def _listed(driver: str, found: _Named, address: str, problem: str) -> ListedCamera:
+    return ListedCamera(
+        driver=driver,
+        device=found.serial or address,
+        vendor=found.vendor,
+        model=found.model,
+        serial=found.serial,
+        address=address,
+        problem=problem,
+    )
 
 
 def _aravis_problem() -> str:
     """Return why Aravis cannot be used; empty if it can."""
-    from omm_camera_driver.drivers.genicam import library
+    from omm_camera_driver.drivers.genicam import aravis
 
     try:
-        library.load()
-    except library.AravisMissing as error:
+        aravis.load()
+    except aravis.AravisMissing as error:
         return str(error)
     return ""
 

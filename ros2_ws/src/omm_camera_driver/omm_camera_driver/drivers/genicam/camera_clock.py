@@ -5,8 +5,9 @@ was taken between the sending of the command and its acknowledgement, which boun
 the two clocks. The tightest of a few readings is kept, and its bound grows with its age, because
 the clocks drift.
 
-Where a camera cannot latch, the difference is taken from the arrivals: no image arrives before its
-exposure has ended, so the smallest `arrival − stamp` of the last images is nearest to the truth.
+Where a camera cannot latch, the difference is taken from the arrivals: the smallest
+`arrival − stamp` of the last images is nearest to the truth. An image may be announced at any
+moment of its exposure: half of that is taken off, and added to the bound.
 A camera that does not stamp at all leaves the arrival alone.
 
 The wall clock takes no part: setting it changes nothing here.
@@ -74,7 +75,7 @@ class CameraClock:
         self._arrivals: deque[int] = deque(maxlen=_ARRIVALS_KEPT)
 
     def forget(self) -> None:
-        """Begin anew: the computer slept, and its monotonic clock with it."""
+        """Begin anew: nothing that is known of the difference holds any more."""
         self._reading = None
         self._arrivals.clear()
 
@@ -138,6 +139,5 @@ class CameraClock:
         self.add_arrival(camera_ns, arrival_ns)
         smallest_ns, largest_ns = min(self._arrivals), max(self._arrivals)
         spread_ns = max(largest_ns - smallest_ns, 1_000_000)
-        # Between the exposure's begin and the arrival lies the exposure, at least.
         half_ns = exposure_ns // 2
         return camera_ns + smallest_ns - half_ns, spread_ns + half_ns

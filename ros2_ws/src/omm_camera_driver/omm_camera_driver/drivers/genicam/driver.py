@@ -9,7 +9,7 @@ import numpy as np
 
 from omm_camera_driver.clocks import WallClock
 from omm_camera_driver.driver import Camera, CameraSettings, DeviceLost, Frame
-from omm_camera_driver.drivers.genicam import library
+from omm_camera_driver.drivers.genicam import aravis
 from omm_camera_driver.drivers.genicam.camera_clock import CameraClock
 from omm_camera_driver.drivers.genicam.link import Link
 from omm_camera_driver.drivers.genicam.settings import GenicamSettings
@@ -33,7 +33,7 @@ class GenicamDriver:
     def __init__(self, link: Link, *, ptp: bool = False, wall: WallClock | None = None) -> None:
         self._link = link
         self._ptp = ptp
-        self._arv = library.load()
+        self._arv = aravis.load()
         self._camera: int | None = None
         self._stream: int | None = None
         self._buffers: dict[int, np.ndarray] = {}
@@ -52,7 +52,7 @@ class GenicamDriver:
         linked = self._link.open()
         self._camera = linked.handle
         device = self._arv.camera_get_device(self._camera)
-        self._arv.device_set_range_check_policy(device, library.RANGE_CHECK_ENABLE)
+        self._arv.device_set_range_check_policy(device, aravis.RANGE_CHECK_ENABLE)
         self._settings = GenicamSettings(self._arv, self._camera, device)
         notes = self._settings.apply(settings, ptp=self._ptp)
         self._exposure_ns = self._settings.exposure_ns()
@@ -98,7 +98,7 @@ class GenicamDriver:
         self._held = buffer
         self._heard_s = time.monotonic()
         sequence = self._count(buffer)
-        complete = self._arv.buffer_get_status(buffer) == library.BUFFER_SUCCESS
+        complete = self._arv.buffer_get_status(buffer) == aravis.BUFFER_SUCCESS
         stamp_ns, uncertainty_ns = self._stamp(buffer) if complete else (0, 0)
         return Frame(
             image=self._pixels(buffer) if complete else np.zeros((0, 0), np.uint8),

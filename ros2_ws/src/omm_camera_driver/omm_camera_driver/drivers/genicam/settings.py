@@ -5,8 +5,8 @@ from ctypes import byref, c_double, c_int, c_int64, c_uint32
 from typing import Any
 
 from omm_camera_driver.driver import CameraSettings, Trigger, check_range
+from omm_camera_driver.drivers.genicam.aravis import AUTO_OFF, Aravis
 from omm_camera_driver.drivers.genicam.left_behind import NEUTRAL, Value, left_automatic, take_back
-from omm_camera_driver.drivers.genicam.library import AUTO_OFF, Aravis
 from omm_camera_driver.pixels import is_read
 from omm_core.errors import DeviceError, InputError
 

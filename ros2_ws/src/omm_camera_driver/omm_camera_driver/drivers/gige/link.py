@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from omm_camera_driver.driver import DeviceLost
-from omm_camera_driver.drivers.genicam import library
+from omm_camera_driver.drivers.genicam import aravis
 from omm_camera_driver.drivers.genicam.camera_clock import ClockReading
 from omm_camera_driver.drivers.genicam.link import Linked
 from omm_camera_driver.drivers.genicam.settings import GenicamSettings
@@ -54,7 +54,7 @@ class GigeLink:
 
     def __init__(self, options: GigeOptions) -> None:
         self._options = options
-        self._arv = library.load()
+        self._arv = aravis.load()
         self._camera = self._device = 0
         self._address = ""
         self._ticks_per_s: int | None = None
@@ -93,9 +93,9 @@ class GigeLink:
 
     def prepare_stream(self, stream: int) -> None:
         """Give the socket its buffer, and say whether lost packets are asked for again."""
-        self._arv.object_set(stream, b"socket-buffer", library.SOCKET_BUFFER_FIXED)
+        self._arv.object_set(stream, b"socket-buffer", aravis.SOCKET_BUFFER_FIXED)
         self._arv.object_set(stream, b"socket-buffer-size", self._options.socket_buffer_bytes)
-        resend = library.RESEND_ALWAYS if self._options.packet_resend else library.RESEND_NEVER
+        resend = aravis.RESEND_ALWAYS if self._options.packet_resend else aravis.RESEND_NEVER
         self._arv.object_set(stream, b"packet-resend", resend)
 
     def answers(self, heard_s: float) -> bool:

@@ -15,7 +15,7 @@ from ctypes import byref, c_char, c_size_t, c_uint32
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_camera_driver.drivers.genicam import library
+from omm_camera_driver.drivers.genicam import aravis
 from omm_camera_driver.drivers.gige import gvcp
 from omm_camera_driver.pixels import MONO8, MONO12_PACKED, MONO16
 from omm_core.errors import DeviceError
@@ -95,7 +95,7 @@ class GigeSimulator:
                 "port is fixed: one camera per address (ip addr add 127.0.0.2/8 dev lo)."
             )
         self._fill = fill
-        self._arv = arv = library.load()
+        self._arv = arv = aravis.load()
         self.problem = ""
         self._camera = _new_fake_camera(arv, address, serial)
         self._inner = arv.gv_fake_camera_get_fake_camera(self._camera)
@@ -184,7 +184,7 @@ def _encoded(image: NDArray[np.generic], pixel_format: int) -> bytes | memoryvie
     raise DeviceError(f"Expected Mono8, Mono16 or Mono12Packed, got {pixel_format:#x}.")
 
 
-def _new_fake_camera(arv: library.Aravis, address: str, serial: str) -> int:
+def _new_fake_camera(arv: aravis.Aravis, address: str, serial: str) -> int:
     """Return Aravis' camera with the features of its own and ours."""
     plain = arv.fake_camera_new(b"plain")
     size = c_size_t()

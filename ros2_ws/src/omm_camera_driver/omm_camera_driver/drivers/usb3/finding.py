@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from omm_camera_driver.drivers.genicam.library import Aravis
+from omm_camera_driver.drivers.genicam.aravis import Aravis
 from omm_camera_driver.drivers.usb3.sysfs import PluggedCamera
 from omm_core.errors import DeviceError
 

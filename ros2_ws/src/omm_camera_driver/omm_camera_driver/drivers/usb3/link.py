@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from omm_camera_driver.driver import DeviceLost
-from omm_camera_driver.drivers.genicam import library
+from omm_camera_driver.drivers.genicam import aravis
 from omm_camera_driver.drivers.genicam.camera_clock import ClockReading
 from omm_camera_driver.drivers.genicam.link import Linked
 from omm_camera_driver.drivers.genicam.settings import GenicamSettings
@@ -48,7 +48,7 @@ class Usb3Link:
 
     def __init__(self, options: Usb3Options) -> None:
         self._options = options
-        self._arv = library.load()
+        self._arv = aravis.load()
         self._camera = self._device = 0
         self._lost = False
         self._has_clock_features = False
@@ -58,8 +58,8 @@ class Usb3Link:
         """Return Aravis' interface that lists the cameras."""
         if not hasattr(self._arv, "uv_interface_get_instance"):
             raise DeviceError(
-                f"Expected a {library.LIBRARY} with USB3 Vision, but this one was built without. "
-                f"On Debian and Ubuntu: sudo apt install {library.PACKAGE}"
+                f"Expected a {aravis.LIBRARY} with USB3 Vision, but this one was built without. "
+                f"On Debian and Ubuntu: sudo apt install {aravis.PACKAGE}"
             )
         return int(self._arv.uv_interface_get_instance())
 
@@ -97,7 +97,7 @@ class Usb3Link:
         """Choose how the bus is read, and limit what the camera sends."""
         self._has_clock_features = all(settings.has(name) for name in _CLOCK_FEATURES)
         if self._arv.camera_is_uv_device(self._camera):
-            self._arv.camera_uv_set_usb_mode(self._camera, library.USB_MODES[self._options.mode])
+            self._arv.camera_uv_set_usb_mode(self._camera, aravis.USB_MODES[self._options.mode])
         if not self._options.bandwidth_mb_per_s:
             return self._speed()
         if not settings.has(_LIMIT):
