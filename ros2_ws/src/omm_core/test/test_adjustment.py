@@ -130,3 +130,25 @@ def test_similarity_directions_are_shift_turn_and_scale(points):
     assert directions[:, 5] * 1e-7 == pytest.approx(-change, abs=1e-12) or directions[
         :, 5
     ] * 1e-7 == pytest.approx(change, abs=1e-12)
+
+
+def test_a_step_that_leads_nowhere_is_not_taken():
+    """Of an unknown that the observation hardly shows: infinitely far, as far as numbers go."""
+    steps = []
+
+    def update(values, step):
+        steps.append(step)
+        return values + step
+
+    shown = 1e-120
+    block = Block(
+        name="one",
+        observed=np.array([[1.0]]),
+        covariance=np.ones((1, 1, 1)),
+        index={"x": np.array([0])},
+        evaluate=lambda values: (shown * values["x"], {"x": np.full((1, 1, 1), shown)}),
+    )
+    group = Group(name="x", values=np.zeros((1, 1)), update=update)
+    solution = solve(Problem(groups=(group,), blocks=(block,)), iterations=2)
+    assert not solution.converged
+    assert all(np.abs(step).max() < 1e100 for step in steps)

@@ -18,6 +18,7 @@ Mask = NDArray[np.bool_]
 # what is left of an exactly undetermined direction after rounding lies below 1e-12.
 UNDETERMINED = 1e-11
 _DAMPING_STEPS = 14
+_NOWHERE = 1e100  # of no unknown's unit: the equations are singular, but for rounding
 _BLOCK = 256
 # Added to the scaled diagonal: rounding does not carry undetermined directions away.
 _LOST = 1e-11
@@ -188,6 +189,9 @@ def _improve(
     damping = 0.0
     for _ in range(_DAMPING_STEPS):
         step = system.step(damping)
+        if not np.abs(step).max(initial=0.0) < _NOWHERE:
+            damping = max(10.0 * damping, 1e-4)
+            continue
         # The squared way in sigmas is what the step promises the cost to fall by.
         moved = float(np.sqrt(max(float(step @ (system.right / system.scale)), 0.0)))
         tried = _moved(problem, values, step, free)
