@@ -36,11 +36,16 @@ def where_to_stand(network: Network, frame: Frame) -> list[str]:
         names = ", ".join(name_of(n) for n in side[:_MOST])
         more = f" and {len(side) - _MOST} more" if len(side) > _MOST else ""
         words.append(
-            f"Weak: {names}{more} ({min(counts)} to {max(counts)} rays). Take two photographs from"
+            f"Weak: {names}{more} ({_range(counts)} rays). Take two photographs from"
             f" about ({place[0]:.0f}, {place[1]:.0f}, {place[2]:.0f}) mm and two from 30 degrees"
             " beside it, one of them turned by 90 degrees, with targets of other sides in view."
         )
     return words
+
+
+def _range(counts: list[int]) -> str:
+    fewest, most = min(counts), max(counts)
+    return str(fewest) if fewest == most else f"{fewest} to {most}"
 
 
 def _sides(network: Network, numbers: list[int]) -> list[list[int]]:

@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 _BAR_SIGMAS = 3.0
 _WEAK_ANGLE = 0.35  # rad between the outermost rays of a point
 _FOCAL_OFF = 0.1
+_SHORT = 0.2  # of a unit vector in a plane, up to which its direction there tells nothing
+_SAME_WAY = 0.97  # length of the mean of unit vectors
 
 
 def name_of(number: int) -> str:
@@ -137,19 +139,29 @@ def of_camera(network: Network, camera: int) -> str:
 
 
 def one_roll_angle(network: Network, camera: int = 0) -> bool:
-    """Tell whether a camera was hardly turned about its axis, against the points' main plane."""
+    """Tell whether a camera was hardly turned about its axis, against the points' main plane.
+
+    That is so where the plane's normal points the same way in all pictures that see the plane from
+    aside (upright all around), or where all pictures lie the same way along the plane (face on).
+    """
     centred = network.solution.values["points"] - network.solution.values["points"].mean(axis=0)
-    normal = np.linalg.svd(centred, full_matrices=False)[2][2]
+    *along, normal = np.linalg.svd(centred, full_matrices=False)[2]
     own = network.cameras.rows(network.photos) == camera
-    if not own.any():
+    if np.sum(own) < 3:
         return False
-    up = Rotation.from_rotvec(network.solution.values["photos"][own, :3]).apply(normal)
-    across = np.hypot(up[:, 0], up[:, 1])
-    tilted = across > 0.2  # seen face on, the roll angle is not told by the normal
-    if tilted.sum() < 3 or tilted.sum() < 0.5 * len(up):
+    turns = Rotation.from_rotvec(network.solution.values["photos"][own, :3]).as_matrix()
+    up = (turns @ normal)[:, :2]
+    tilted = np.linalg.norm(up, axis=1) > _SHORT
+    upright = tilted.sum() >= max(3.0, 0.5 * len(up)) and _one_direction(up[tilted])
+    return upright or _one_direction(turns[:, 0] @ np.transpose(along))
+
+
+def _one_direction(vectors: Array) -> bool:
+    """Tell whether vectors (n, 2) point the same way; a short one tells no direction."""
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    if lengths.min() <= _SHORT:
         return False
-    directions = up[tilted, :2] / across[tilted, None]
-    return bool(np.linalg.norm(directions.mean(axis=0)) > 0.97)
+    return bool(np.linalg.norm((vectors / lengths).mean(axis=0)) > _SAME_WAY)
 
 
 def _lens(network: Network) -> list[str]:
