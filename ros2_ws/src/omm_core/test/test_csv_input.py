@@ -27,6 +27,10 @@ def test_columns_count_by_name_in_any_order_with_blanks_around_them():
     [
         ("", "column name is missing"),
         ("name;x_mm\nA;1\n", "column name is missing"),
+        ("name;x_mm\nA;1,5\n", "separated by semicolons.*decimals with a point"),
+        ("name\tx_mm\nA\t1\n", "separated by tabs"),
+        ("sep=;\nname;x_mm\nA;1\n", "separated by semicolons"),
+        ("A,1.5\n", "first line reads 'A,1.5'; it must name the columns"),
         ("name,x_mm\n", "a line for each point"),
         ("name,x_mm,x_mm\nA,1,2\n", "x_mm more than once"),
         ("name,x_mm\nA,1,5\n", "line 2: expected 2 values, got 3.*point"),

@@ -125,10 +125,23 @@ def _check_columns(names: tuple[str, ...], wanted: Sequence[str], where: str) ->
     if missing:
         raise InputError(
             f"{where}: expected the columns {','.join(wanted)}; the column {missing[0]} is missing."
+            + _advice(names)
         )
     twice = [name for name in names if name and names.count(name) > 1]
     if twice:
         raise InputError(f"{where}: expected each column once, got {twice[0]} more than once.")
+
+
+def _advice(names: tuple[str, ...]) -> str:
+    """Return what to do about a first line as spreadsheets write it where decimals have commas."""
+    first = names[0] if names else ""
+    for separator, name in ((";", "semicolons"), ("\t", "tabs")):
+        if separator in first or first == f"sep={separator}":
+            return (
+                f" The first line is separated by {name}: separate by commas, and write decimals"
+                " with a point (in a spreadsheet: save as CSV, language English)."
+            )
+    return f" The first line reads {','.join(names)[:80]!r}; it must name the columns."
 
 
 def _row(names: tuple[str, ...], values: list[str], where: str) -> Row:
