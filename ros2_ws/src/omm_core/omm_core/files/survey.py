@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,6 +19,8 @@ _KEYS = (
     "camera", "cameras", "photos", "leave_out", "target_family", "coded_dot_diameter_mm",
     "plain_dot_diameter_mm", "scale_bars", "check_bars", "datum",
 )  # fmt: skip
+_OF_TEMPERATURE = ("expansion_per_K", "temperature_sigma_K", "calibrated_at_C")
+_LARGEST_EXPANSION_PER_K = 1e-3  # rubber: 0.25e-3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -231,7 +234,11 @@ def _matching(root: YamlSection, key: str, folder: Path) -> list[Path]:
         except (ValueError, OSError) as error:
             raise InputError(f"{root.where}: {key}: '{pattern}': {error}.") from None
         if not matches:
-            raise InputError(f"{root.where}: {key}: found nothing that is called '{pattern}'.")
+            near = [p.name for p in folder.glob("*") if fnmatch(p.name.lower(), pattern.lower())]
+            hint = f" Capitals count: there is {min(near)}." if near else ""
+            raise InputError(
+                f"{root.where}: {key}: found nothing that is called '{pattern}'.{hint}"
+            )
         found += [match for match in matches if match not in found]
     return found
 
@@ -246,8 +253,15 @@ def _bar(section: YamlSection) -> DeclaredBar:
     if first == second:
         raise InputError(f"{section.where}: expected two different ends, got {first} twice.")
     length, sigma = bar.length_mm, bar.sigma_mm
+    idle = [k for k in _OF_TEMPERATURE if k in section] if bar.temperature_C is None else []
+    if idle:
+        raise InputError(f"{section.where}: {idle[0]} says nothing without temperature_C.")
     if bar.temperature_C is not None:
         expansion = section.number("expansion_per_K")
+        if abs(expansion) > _LARGEST_EXPANSION_PER_K:
+            raise InputError(
+                f"{section.where}: expected expansion_per_K as steel's, 11.5e-6, got {expansion:g}."
+            )
         spread = bar.temperature_sigma_K * expansion * length
         length *= 1.0 + expansion * (bar.temperature_C - bar.calibrated_at_C)
         sigma = float(np.hypot(sigma, spread))
@@ -266,6 +280,8 @@ def _datum(root: YamlSection) -> DeclaredDatum:
         return DeclaredDatum()
     datum = root.section("datum")
     datum.check_keys("three_targets", "nominal")
+    if "three_targets" in datum and "nominal" in datum:
+        raise InputError(f"{datum.where}: expected three_targets or nominal, got both.")
     if "three_targets" in datum:
         where = f"{datum.where}: three_targets"
         targets = tuple(whole_number(t, where) for t in datum.numbers("three_targets", 3))
