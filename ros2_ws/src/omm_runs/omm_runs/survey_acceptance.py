@@ -18,7 +18,9 @@ _COLUMNS = ("first", "second", "length_mm")
 
 
 def add_acceptance(
-    found: SurveyResult, lengths: Path, limit: tuple[float, float] = (CONSTANT_MM, PER_METRE_MM)
+    found: SurveyResult,
+    lengths: list[CalibratedLength],
+    limit: tuple[float, float] = (CONSTANT_MM, PER_METRE_MM),
 ) -> bool:
     """Add the key ``acceptance`` to a survey's JSON, and its words to the findings; True if passed.
 
@@ -26,14 +28,9 @@ def add_acceptance(
     ------
     InputError, MeasurementError
     """
-    if not (np.isfinite(limit).all() and min(limit) >= 0.0 and max(limit) > 0.0):
-        raise InputError(
-            f"--limit: expected two numbers of 0 or more, not both 0: mm and mm/m, got {limit}."
-        )
+    check_limit(limit)
     xyz = found.delivered.xyz_mm
-    result = accept(
-        read_lengths(lengths), _measuring(found), float(np.linalg.norm(np.ptp(xyz, axis=0))), *limit
-    )
+    result = accept(lengths, _measuring(found), float(np.linalg.norm(np.ptp(xyz, axis=0))), *limit)
     found.json["acceptance"] = as_json(result)
     worst = result.largest
     verdict = "keep to" if result.passed else "do NOT keep to"
@@ -45,6 +42,19 @@ def add_acceptance(
         *result.words,
     ]
     return result.passed
+
+
+def check_limit(limit: tuple[float, float]) -> None:
+    """Refuse a limit of lengths (mm, mm/m) that is none.
+
+    Raises
+    ------
+    InputError
+    """
+    if not (np.isfinite(limit).all() and min(limit) >= 0.0 and max(limit) > 0.0):
+        raise InputError(
+            f"--limit: expected two numbers of 0 or more, not both 0: mm and mm/m, got {limit}."
+        )
 
 
 def _measuring(found: SurveyResult) -> Any:
@@ -62,9 +72,11 @@ def read_lengths(path: Path) -> list[CalibratedLength]:
     Raises
     ------
     InputError
-        Where it is missing or malformed.
+        Where it is missing or malformed, or names a length twice: it would count as two of the
+        lengths that the guideline asks for.
     """
-    found = []
+    found: list[CalibratedLength] = []
+    seen: dict[frozenset[int], str] = {}
     for row in read_table(path, "file of lengths", _COLUMNS, each="length").rows:
         first, second, length = row.numbers(_COLUMNS)
         if not length > 0.0:
@@ -72,5 +84,10 @@ def read_lengths(path: Path) -> list[CalibratedLength]:
         ends = (whole_number(first, row.where), whole_number(second, row.where))
         if ends[0] == ends[1]:
             raise InputError(f"{row.where}: expected two different ends, got {ends[0]} twice.")
+        before = seen.setdefault(frozenset(ends), row.where)
+        if before != row.where:
+            raise InputError(
+                f"{row.where}: expected each length once; {ends[0]}-{ends[1]} is that of {before}."
+            )
         found.append(CalibratedLength(ends=ends, length_mm=float(length)))
     return found

@@ -56,7 +56,7 @@ def measured_anew(folder, found):
 
 def test_errors_sigmas_and_limits_are_those_of_the_delivered_coordinates(found, tmp_path):
     assert set(NUMBERS) == set(found.delivered.numbers)
-    passed = add_acceptance(found, lengths_file(tmp_path, 0.0), (0.04, 0.1))
+    passed = add_acceptance(found, read_lengths(lengths_file(tmp_path, 0.0)), (0.04, 0.1))
     told = found.json["acceptance"]
     assert passed
     assert told["passed"]
@@ -77,7 +77,7 @@ def test_errors_sigmas_and_limits_are_those_of_the_delivered_coordinates(found, 
 
 
 def test_a_length_beyond_its_limit_fails_and_is_named(found, tmp_path):
-    assert not add_acceptance(found, lengths_file(tmp_path, WRONG_MM), (0.05, 0.02))
+    assert not add_acceptance(found, read_lengths(lengths_file(tmp_path, WRONG_MM)), (0.05, 0.02))
     told = found.json["acceptance"]
     assert [e["within"] for e in told["lengths"]] == [False, True, True, True, True]
     assert told["largest_error_mm"] == pytest.approx(-WRONG_MM, abs=0.02)
@@ -87,7 +87,7 @@ def test_a_length_beyond_its_limit_fails_and_is_named(found, tmp_path):
 @pytest.mark.parametrize("limit", [(-0.05, 0.02), (np.nan, 0.02), (0.05, np.inf), (0.0, 0.0)])
 def test_a_limit_that_is_none_is_refused(found, tmp_path, limit):
     with pytest.raises(InputError, match="--limit"):
-        add_acceptance(found, lengths_file(tmp_path, 0.0), limit)
+        add_acceptance(found, read_lengths(lengths_file(tmp_path, 0.0)), limit)
 
 
 @pytest.mark.parametrize(
@@ -99,6 +99,7 @@ def test_a_limit_that_is_none_is_refused(found, tmp_path, limit):
         ("1,2", "number for length_mm"),
         ("1.5,2,100", "numbers of coded targets"),
         ("", "a line for each length"),
+        ("1,2,100\n2,1,100.5", "line 3: expected each length once; 2-1 is that of .*line 2"),
     ],
 )
 def test_rows_that_are_no_length_are_refused(tmp_path, row, words):

@@ -34,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
     from omm_core.files.aicon import is_aicon
     from omm_core.files.output import write_whole
     from omm_report.survey_text import survey_text
-    from omm_runs.survey_acceptance import add_acceptance
+    from omm_runs.survey_acceptance import add_acceptance, check_limit, read_lengths
     from omm_runs.survey_result import write_points
     from omm_runs.surveying import survey
     from omm_runs.surveying_measured import survey_measured
@@ -47,11 +47,16 @@ def run(arguments: argparse.Namespace) -> int:
         )
     if measured and arguments.lengths is not None:
         raise InputError("--lengths: expected photographs, got image points measured elsewhere.")
+    limit = tuple(arguments.limit)
+    lengths = []
+    if arguments.lengths is not None:  # before minutes are spent on photographs
+        check_limit(limit)
+        lengths = read_lengths(arguments.lengths)
     found = None if measured else survey(arguments.set)
     result = survey_measured(arguments.set) if found is None else found.json
     passed = True
-    if arguments.lengths is not None and found is not None:
-        passed = add_acceptance(found, arguments.lengths, tuple(arguments.limit))
+    if lengths and found is not None:
+        passed = add_acceptance(found, lengths, limit)
     if arguments.json is not None:
         write_whole(arguments.json, json.dumps(result, indent=1, allow_nan=False) + "\n")
     if arguments.out is not None and found is not None:
