@@ -32,6 +32,7 @@ _HEADING_PT = {1: 18, 2: 13, 3: 11}
 _TEXT_PT = 9.5
 _ALIGN = {"L": "LEFT", "R": "RIGHT", "C": "CENTER"}
 _CAPTION_MM = 12.0
+_BELOW_HEADING_MM = 15.0  # of what follows: a heading does not stand alone at the foot of a page
 
 
 class Document:
@@ -61,17 +62,30 @@ class Document:
         self._letters = set.intersection(*letters) | {ord("\n")}
         self._pdf.set_auto_page_break(True, margin=18)
         self._pdf.add_page()
+        self._waiting: list[tuple[str, int]] = []
         self.heading(title, level=1)
 
     def heading(self, text: str, *, level: int = 2) -> None:
         """Add a heading; level 1 is the largest, 3 the smallest."""
-        self._pdf.ln(2 if level > 1 else 0)
-        self._pdf.set_font(_FAMILY, "B", _HEADING_PT[level])
-        self._pdf.multi_cell(0, None, self._shown(text), new_x="LMARGIN", new_y="NEXT", align="L")
-        self._pdf.ln(1.5)
+        self._waiting.append((text, level))
+
+    def _write_headings(self, below_mm: float = _BELOW_HEADING_MM) -> None:
+        """Write the headings that wait for what they head, on the page that has room for both."""
+        waiting, self._waiting = self._waiting, []
+        lines_mm = sum(0.5 * _HEADING_PT[level] + 3.5 for _, level in waiting)
+        if waiting and self._pdf.will_page_break(min(lines_mm + below_mm, self._pdf.eph)):
+            self._pdf.add_page()
+        for text, level in waiting:
+            self._pdf.ln(2 if level > 1 else 0)
+            self._pdf.set_font(_FAMILY, "B", _HEADING_PT[level])
+            self._pdf.multi_cell(
+                0, None, self._shown(text), new_x="LMARGIN", new_y="NEXT", align="L"
+            )
+            self._pdf.ln(1.5)
 
     def paragraph(self, text: str) -> None:
         """Add text; line breaks in it are kept."""
+        self._write_headings()
         self._pdf.set_font(_FAMILY, "", _TEXT_PT)
         self._pdf.multi_cell(0, None, self._shown(text), new_x="LMARGIN", new_y="NEXT", align="L")
         self._pdf.ln(1.5)
@@ -89,6 +103,7 @@ class Document:
         The first row is repeated on each page where ``heading_row`` is true. ``align`` holds a
         letter for each column: L, R or C; without, all are on the left.
         """
+        self._write_headings()
         self._pdf.set_font(_FAMILY, "", _TEXT_PT - 1)
         with self._pdf.table(
             col_widths=tuple(widths) if widths is not None else None,
@@ -131,6 +146,7 @@ class Document:
 
     def to_bytes(self) -> bytes:
         """Return the finished file; nothing can be added afterwards."""
+        self._write_headings()
         return bytes(self._pdf.output())
 
     def _shown(self, text: str) -> str:
@@ -147,6 +163,7 @@ class Document:
         largest_mm = self._pdf.eph - below_mm
         if height_mm > largest_mm:
             width_mm, height_mm = width_mm * largest_mm / height_mm, largest_mm
+        self._write_headings(height_mm + below_mm)
         if self._pdf.will_page_break(height_mm + below_mm):
             self._pdf.add_page()
         self._pdf.image(picture, w=width_mm, h=height_mm, alt_text=caption or None)

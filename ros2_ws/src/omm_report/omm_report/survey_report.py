@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _CODED, _PLAIN, _CAMERA = "#1f5fa8", "#d1720f", "#777777"
+_MOST_NAMES = 50  # of photographs that are legible below one picture
 
 
 def survey_document(result: dict[str, Any], source: str) -> bytes:
@@ -43,7 +44,11 @@ def survey_document(result: dict[str, Any], source: str) -> bytes:
     document.table(_bar_rows(result))
     if result.get("acceptance"):
         document.heading("Acceptance by lengths (VDI/VDE 2634-1)")
-        document.figure(acceptance_figure(result["acceptance"]), width_mm=140.0)
+        document.figure(
+            acceptance_figure(result["acceptance"]), width_mm=140.0,
+            caption="Errors with 2 sigma; red: the limit.",
+        )  # fmt: skip
+        document.table(_length_rows(result["acceptance"]))
     if result.get("observations"):
         document.heading("Residuals")
         document.figure(residual_figure(result), caption="Measured minus computed, enlarged.")
@@ -146,10 +151,14 @@ def per_photo_figure(result: dict[str, Any]) -> Figure:
     axes = figure.subplots()
     axes.bar(range(len(names)), rms, color=_CODED)
     axes.set_ylabel("rms, px", fontsize=8)
-    axes.set_title("residuals by photograph (number of rays above)", fontsize=8)
-    for i, name in enumerate(names):
+    step = -(-len(names) // _MOST_NAMES)
+    axes.set_title(
+        "residuals by photograph" + (" (number of rays above)" if step == 1 else ""), fontsize=8
+    )
+    for i, name in enumerate(names if step == 1 else ()):
         axes.text(i, rms[i], str(len(squares[name])), ha="center", va="bottom", fontsize=5)
-    axes.set_xticks(range(len(names)), [n.rsplit(".", 1)[0][-12:] for n in names], rotation=90)
+    told = range(0, len(names), max(step, 1))
+    axes.set_xticks(told, [names[i].rsplit(".", 1)[0][-12:] for i in told], rotation=90)
     axes.tick_params(labelsize=5)
     return figure
 
@@ -206,6 +215,20 @@ def _bar_rows(result: dict[str, Any]) -> list[list[str]]:
                     f"{bar['measured_mm']:.4f}", f"{off:+.4f}", f"{bar['sigma_mm']:.4f}",
                 ]
             )  # fmt: skip
+    return rows
+
+
+def _length_rows(acceptance: dict[str, Any]) -> list[list[str]]:
+    rows = [["length", "calibrated, mm", "measured, mm", "error, mm", "σ, mm", "limit, mm"]]
+    for length in acceptance["lengths"]:
+        beyond = "" if length["within"] else " exceeded"
+        rows.append(
+            [
+                "–".join(map(str, length["ends"])), f"{length['length_mm']:.4f}",
+                f"{length['measured_mm']:.4f}", f"{length['error_mm']:+.4f}",
+                f"{length['sigma_mm']:.4f}", f"{length['limit_mm']:.4f}{beyond}",
+            ]
+        )  # fmt: skip
     return rows
 
 

@@ -59,3 +59,15 @@ def test_letters_that_the_fonts_lack_stand_there_by_their_number(caplog) -> None
 
     assert named("日") != named("本")
     assert "missing" not in caplog.text
+
+
+def test_a_heading_stands_on_the_page_of_what_it_heads() -> None:
+    from matplotlib.figure import Figure
+
+    document = Document("Title")
+    document.picture(np.zeros((120, 100), dtype=np.uint8))
+    document.heading("Further down")
+    document.figure(Figure(figsize=(4, 3)))
+    with pikepdf.open(io.BytesIO(document.to_bytes())) as pdf:
+        drawn = [page.Contents.read_bytes() for page in pdf.pages]
+    assert [page.count(b" Tj") + page.count(b" TJ") for page in drawn] == [1, 1]

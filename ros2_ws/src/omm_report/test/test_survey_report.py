@@ -8,7 +8,7 @@ import pytest
 
 from omm_core.errors import InputError
 from omm_report.survey_pictures import write_pictures
-from omm_report.survey_report import survey_document
+from omm_report.survey_report import _length_rows, per_photo_figure, survey_document
 from omm_report.survey_scene import survey_scene
 from omm_report.survey_text import survey_text
 
@@ -30,7 +30,8 @@ def result() -> dict:
          "euler_xyz_rad": None}
     )  # fmt: skip
     bar = {"ends": [1, 3], "length_mm": 100.0, "measured_mm": 100.002, "sigma_mm": 0.004}
-    length = {"ends": [1, 5], "length_mm": 300.0, "error_mm": 0.01, "sigma_mm": 0.004}
+    length = {"ends": [1, 5], "length_mm": 300.0, "measured_mm": 300.01, "error_mm": 0.01,
+              "sigma_mm": 0.004, "limit_mm": 0.056, "within": True}  # fmt: skip
     return {
         "converged": True, "sigma0": 1.1, "rms_px": 0.012, "degrees_of_freedom": 40,
         "camera": {"parameters": ["f"], "values": [3000.0], "covariance": [[0.01]]},
@@ -50,6 +51,26 @@ def test_the_document_is_the_same_on_any_day_and_carries_the_result():
     assert one == two
     assert one.startswith(b"%PDF")
     assert b"survey.json" in one
+
+
+def test_of_many_photographs_only_as_many_are_named_as_can_be_read():
+    many = result()
+    photo = many["photos"][0]
+    many["photos"] = [{**photo, "file": f"a{i}.jpg"} for i in range(200)]
+    axes = per_photo_figure(many).axes[0]
+    assert [label.get_text() for label in axes.get_xticklabels()][:2] == ["a0", "a4"]
+    assert not axes.texts
+    few = per_photo_figure(result()).axes[0]
+    assert [text.get_text() for text in few.texts] == ["4", "0"]
+
+
+def test_the_table_of_lengths_names_the_one_beyond_its_limit():
+    measured = result()["acceptance"]
+    assert _length_rows(measured)[1][-1] == "0.0560"
+    measured["lengths"][0]["within"] = False
+    assert _length_rows(measured)[1] == [
+        "1–5", "300.0000", "300.0100", "+0.0100", "0.0040", "0.0560 exceeded",
+    ]  # fmt: skip
 
 
 def test_the_scene_holds_every_point_and_every_photograph_that_was_placed():
