@@ -53,9 +53,11 @@ class Agent:
     """Serves what ``tell`` is given, from a buffer of ``size`` observations."""
 
     def __init__(self, version: str = "1.7", size: int = 4096, port: int = 0, *,
-                 strict: bool = False, refuse: bool = False) -> None:  # fmt: skip
+                 strict: bool = False, refuse: bool = False, lengths: bool = True,
+                 ) -> None:  # fmt: skip
         self.version, self.size = version, size
-        self.strict, self.refuse = strict, refuse
+        self.strict, self.refuse, self.lengths = strict, refuse, lengths
+        self.probe = PROBE
         self.instance = 1
         self.clock_s = 0.0
         self.hang = False
@@ -134,7 +136,7 @@ class Agent:
                     self._stream(parse_qs(url.query))
                     return
                 if url.path.endswith("/probe"):
-                    body = PROBE.format(
+                    body = agent.probe.format(
                         version=agent.version, instance=agent.instance, size=agent.size
                     ).encode()
                 else:
@@ -177,9 +179,10 @@ class Agent:
                         if quiet:
                             continue
                         start, quiet_since = after, time.monotonic()
+                        length = b"Content-length: %d\r\n" % len(body) if agent.lengths else b""
                         self._chunk(
-                            b"--%s\r\nContent-type: text/xml\r\nContent-length: %d\r\n\r\n%s\r\n"
-                            % (BOUNDARY.encode(), len(body), body)
+                            b"--%s\r\nContent-type: text/xml\r\n%s\r\n%s\r\n"
+                            % (BOUNDARY.encode(), length, body)
                         )
                 except OSError:
                     self.close_connection = True  # the client has gone

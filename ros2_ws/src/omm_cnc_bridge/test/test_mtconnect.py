@@ -4,11 +4,12 @@ import contextlib
 import math
 import threading
 import time
+from email.message import Message
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import numpy as np
 import pytest
-from mtconnect_agent import GOOD, Agent
+from mtconnect_agent import GOOD, PROBE, Agent
 
 from omm_cnc_bridge.control import Mode, ProgramState
 from omm_cnc_bridge.controls.mtconnect import multipart
@@ -108,6 +109,70 @@ def test_agent_restart_is_noticed_and_survived(agent, control):
     agent.tell(**GOOD)
     control.connect()
     assert read(control, 2.0, lambda s: s.fault is None)
+
+
+def test_an_agent_restarted_with_a_model_that_does_not_fit_is_waited_for(agent, control):
+    """It ends nothing: the model may fit again. At the start it is the wrong agent, or device."""
+    read(control, 0.3)
+    agent.probe = PROBE.replace('"Linear"', '"Sensor"').replace("Linear", "Sensor").replace(
+        "Rotary", "Sensor"
+    )  # fmt: skip
+    agent.restart()
+    with pytest.raises(DeviceError, match="restarted"):
+        read(control, 3.0)
+    for _ in range(2):
+        with pytest.raises(DeviceError, match=r"machine coordinates.*another model"):
+            control.connect()
+    with pytest.raises(InputError, match="positions in machine coordinates"):
+        MtConnectControl(agent.url, rate_hz=100).connect()
+    agent.probe = PROBE
+    agent.restart()
+    agent.tell(**GOOD)
+    control.connect()
+    assert read(control, 2.0, lambda s: s.positions.get("X") == 71.45)
+
+
+def test_parts_that_do_not_tell_their_length_are_read_as_soon():
+    """Some proxies leave it out. Waiting for the next boundary would cost a heartbeat."""
+    with Agent(lengths=False) as agent:
+        agent.tell(**GOOD)
+        control = MtConnectControl(agent.url, rate_hz=100)
+        control.connect()
+        assert len(read(control, 2.0)) > 40
+        with Mover(agent):
+            read(control, 0.5)
+            x = [s.positions["X"] for s in read(control, 1.0)]
+        assert np.max(np.diff([value for value in x if value != 71.45])) < 0.1001
+        control.close()
+
+
+class Sent:
+    """An answer that comes in the given pieces."""
+
+    def __init__(self, pieces):
+        self.pieces = list(pieces)
+        self.headers = Message()
+        self.headers["Content-Type"] = "multipart/mixed;boundary=x"
+
+    def read1(self, _):
+        return self.pieces.pop(0) if self.pieces else b""
+
+    def close(self):
+        """Nothing to close."""
+
+
+@pytest.mark.parametrize("size", [1, 7, 10_000])
+def test_parts_with_and_without_a_length_may_come_in_any_pieces(size):
+    """By its length, by the end of its document, or by the next boundary."""
+    first, second = sample_text(value="1.5"), sample_text(value="2.5") + b"\r\n"
+    sent = b"--x\r\nContent-length: %d\r\n\r\n%s\r\n" % (len(first), first)
+    sent += b"--x\r\nContent-type: text/xml\r\n\r\n" + second
+    sent += b"--x\r\nA: b\r\n\r\nno document\r\n--x\r\n\r\n" + first + b"\r\n--x--"
+    reader = multipart.MultipartReader(Sent(sent[i : i + size] for i in range(0, len(sent), size)))
+    parts: list[bytes] = []
+    while len(parts) < 4:
+        parts += [part for _, part in reader.read(1.0)]
+    assert parts == [first, second.strip(), b"no document", first]
 
 
 def test_an_overrun_buffer_is_not_passed_over():

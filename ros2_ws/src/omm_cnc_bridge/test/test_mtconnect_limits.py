@@ -134,3 +134,20 @@ def test_where_the_tool_point_is_wished_for_it_stands_in_the_place_of_the_axes(m
 def test_an_address_that_names_no_agent_is_refused_and_not_guessed(url):
     with pytest.raises(InputError, match="http://HOST:PORT"):
         MtConnectControl(url, rate_hz=100)
+
+
+@pytest.mark.parametrize(
+    ("digits", "value", "unit", "step_mm"),
+    [(4, 71.45, "MILLIMETER", 0.01), (4, 1234.5, "MILLIMETER", 1.0),
+     (9, 1234.5, "MILLIMETER", 1e-5), (3, -0.0712, "MILLIMETER", 1e-4),
+     (4, 71.45, "INCH", 0.254), (4, 0, "MILLIMETER", 0.0)],
+)  # fmt: skip
+def test_what_rounding_hides_is_a_digit_of_the_value(monkeypatch, digits, value, unit, step_mm):
+    item = X_ITEM.replace("MILLIMETER", unit)
+    probe = mtconnect_agent.PROBE.replace(
+        X_ITEM, item.replace("/>", f' significantDigits="{digits}"/>'), 1
+    )
+    sample = sample_of(monkeypatch, probe, xa=value)
+    assert sum(u.distance for u in sample.unseen.values()) == pytest.approx(step_mm)
+    told = judged(sample)
+    assert (f"significantDigits {digits}" in told) == (step_mm > StandStillLimits().tolerance_mm)

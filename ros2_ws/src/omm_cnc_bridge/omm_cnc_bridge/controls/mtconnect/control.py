@@ -24,7 +24,7 @@ from omm_cnc_bridge.controls.mtconnect.model import (
     read_document,
 )
 from omm_cnc_bridge.controls.mtconnect.multipart import SILENCE_S, MultipartReader, whole_answer
-from omm_cnc_bridge.controls.mtconnect.texts import line, number, why_not
+from omm_cnc_bridge.controls.mtconnect.texts import POINT, line, number, unseen, why_not
 from omm_core.errors import DeviceError, InputError
 
 HEARTBEAT_MS = 20
@@ -37,7 +37,6 @@ TOOL_POINT_ONLY = (
     "the agent tells the tool point (PATH_POSITION) and no axes; it is off by the tool's length"
     " unless the control has none active, or 'reported' and 'tool_length_mm' say so"
 )
-POINT = ("X", "Y", "Z")
 TOOL_POINT_BESIDE_AXES = (
     "only the tool point (PATH_POSITION) tells of it, which is not where the axis is;"
     " set reported:=tool_point and tool_length_mm"
@@ -93,10 +92,19 @@ class MtConnectControl:
         self.close()
         self.clock = ControlClock()
         try:
-            self._described = read_device(self._get("/probe"), self._device)
+            self._described = self._read_model()
             self._resynchronise(ATTEMPTS)
         except (OSError, http.client.HTTPException) as error:
             raise DeviceError(f"MTConnect agent {self._url.geturl()}: {error}.") from error
+
+    def _read_model(self) -> Device:
+        """Return the agent's model; one that fits no longer may fit again when it is restarted."""
+        try:
+            return read_device(self._get("/probe"), self._device)
+        except InputError as error:
+            if not self._instance:  # never heard: what is asked for is wrong
+                raise
+            raise DeviceError(f"{error} The agent has another model than before.") from error
 
     def read(self, timeout_s: float) -> Sequence[ControlSample]:
         """Return the samples in what the agent has sent, oldest first."""
@@ -199,17 +207,14 @@ class MtConnectControl:
         elif self._has("path") and not {*POINT} & {*measured, *unusable}:
             unusable |= dict.fromkeys(POINT, TOOL_POINT_BESIDE_AXES)
         roles = ("measured", "path") if self._of_tool_point() else ("measured",)
-        items = [item for role in roles for item, _ in self._texts_of(role)]
+        told = [pair for role in roles for pair in self._texts_of(role)]
         return ControlSample(
             stamp_ns=ros_from_monotonic_ns(ours_ns),
             stamp_uncertainty_ns=uncertainty_ns,
             positions=measured,
-            turning={item.axis: item.turns for item in items if item.axis},
+            turning={item.axis: item.turns for item, _ in told if item.axis},
             unseen={
-                axis: item.limits.unseen
-                for item in items
-                for axis in (POINT if item.role == "path" else (item.axis,))
-                if item.limits.unseen.why
+                axis: hidden for item, text in told for axis, hidden in unseen(item, text).items()
             },
             unusable=unusable,
             notes=notes,

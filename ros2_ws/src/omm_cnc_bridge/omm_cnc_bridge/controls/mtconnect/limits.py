@@ -4,6 +4,7 @@
 |---|---|---|
 | Filter MINIMUM_DELTA (units of the item) | smaller changes are not reported | unseen distance |
 | Filter PERIOD (s), sampleRate below 10 Hz | changes come this often at most | unseen time |
+| significantDigits | values are rounded to them | unseen distance, by the value |
 | Constraints Minimum, Maximum | the values that are valid | others are none |
 | Constraints Value, one | a constant: nothing is measured | unfit |
 """
@@ -12,7 +13,7 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from omm_cnc_bridge.control import Unseen
 
@@ -31,6 +32,20 @@ class Limits:
     unseen: Unseen = field(default_factory=Unseen)
     least: float = -math.inf
     most: float = math.inf
+    digits: int = 0
+    """To so many significant digits values are rounded; 0: not told."""
+
+    def unseen_at(self, value: float, scale: float) -> Unseen:
+        """Return what is hidden where the axis is; ``scale`` makes mm or rad of its values."""
+        if not self.digits or value == 0.0:
+            return self.unseen
+        step = 10.0 ** (math.floor(math.log10(abs(value))) + 1 - self.digits)
+        whys = (self.unseen.why, f"significantDigits {self.digits}")
+        return replace(
+            self.unseen,
+            distance=max(self.unseen.distance, step * scale),
+            why=", ".join(filter(None, whys)),
+        )
 
 
 def limits_of(data: ET.Element, scale: float) -> Limits:
@@ -56,7 +71,13 @@ def limits_of(data: ET.Element, scale: float) -> Limits:
             within[_tag(element)] = _value_of(element)
     if values == 1:
         raise Unfit("is a constant (Constraints, Value): nothing is measured")
-    return Limits(unseen=_unseen(data, scale), least=within["Minimum"], most=within["Maximum"])
+    digits = _number(data.get("significantDigits")) or 0.0
+    return Limits(
+        unseen=_unseen(data, scale),
+        least=within["Minimum"],
+        most=within["Maximum"],
+        digits=int(digits) if 1.0 <= digits <= 99.0 else 0,
+    )
 
 
 def _unseen(data: ET.Element, scale: float) -> Unseen:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.client
 import queue
+import re
 import threading
 import time
 
@@ -15,6 +16,9 @@ from omm_core.errors import DeviceError
 SILENCE_S = 5.0
 ANSWER_S = 20.0
 LARGEST_ANSWER = 32 << 20
+_TOO_LARGE = "MTConnect: a part of the stream is larger than any real one."
+_NO_LENGTH = "MTConnect: expected the length of a part as a number, its head has none."
+_LAST_TAG = re.compile(rb"</(?:[\w.-]+:)?MTConnect\w+\s*>")
 
 
 class MultipartReader:
@@ -77,12 +81,25 @@ class MultipartReader:
             head_end = self._data.find(b"\r\n\r\n", start)
             if head_end < 0:
                 break
-            end = head_end + 4 + _content_length(self._data[start:head_end])
-            if len(self._data) < end:
+            length = _content_length(self._data[start:head_end])
+            end = self._end(head_end + 4) if length is None else head_end + 4 + length
+            if end is None or len(self._data) < end:
                 break
             parts.append(self._data[head_end + 4 : end])
             self._data = self._data[end:]
         return parts
+
+    def _end(self, start: int) -> int | None:
+        """Return where a part ends that does not tell its length; None where more must come.
+
+        With its document, else with the next boundary, which comes a heartbeat later only.
+        """
+        tag = _LAST_TAG.search(self._data, start)
+        boundary = self._data.find(b"\r\n" + self._boundary, start)
+        ends = [end for end in (tag.end() if tag else -1, boundary) if end >= 0]
+        if not ends and len(self._data) - start > LARGEST_ANSWER:
+            raise DeviceError(_TOO_LARGE)
+        return min(ends, default=None)
 
 
 def _refusal(kind: str, body: bytes) -> str:
@@ -109,13 +126,13 @@ def whole_answer(response: http.client.HTTPResponse) -> bytes:
     return bytes(data)
 
 
-def _content_length(head: bytes) -> int:
+def _content_length(head: bytes) -> int | None:
+    """Return the length that a part tells; None where it tells none."""
     for line in head.split(b"\r\n"):
         name, _, value = line.partition(b":")
         if name.strip().lower() == b"content-length":
-            if not value.strip().isdigit():
-                break
-            if len(value.strip()) < 10 and int(value) <= LARGEST_ANSWER:
-                return int(value)
-            raise DeviceError("MTConnect: a part of the stream is larger than any real one.")
-    raise DeviceError("MTConnect: expected the length of a part, its head has none.")
+            length = value.strip()
+            if length.isdigit() and len(length) < 10 and int(length) <= LARGEST_ANSWER:
+                return int(length)
+            raise DeviceError(_TOO_LARGE if length.isdigit() else _NO_LENGTH)
+    return None

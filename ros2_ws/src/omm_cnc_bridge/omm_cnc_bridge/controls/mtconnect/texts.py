@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from omm_cnc_bridge.control import Unseen
 from omm_cnc_bridge.controls.mtconnect.meaning import Item
 
+POINT = ("X", "Y", "Z")
 FARTHEST = 1e7
 """No axis is farther from its zero (mm, rad): ten kilometres."""
 
@@ -30,6 +32,17 @@ def why_not(value: float | None, text: str, item: Item) -> str:
         f"{value:g} is outside what the agent's model allows ({limits.least:g} to {limits.most:g},"
         " Constraints)"
     )
+
+
+def unseen(item: Item, text: str) -> dict[str, Unseen]:
+    """Return what is hidden of the motion of the axes that a text tells of, by their names."""
+    axes = POINT if item.role == "path" else (item.axis,)
+    words = [*text.split(), *axes]  # a text that tells of fewer is no position, and refused for it
+    hidden = {
+        axis: item.limits.unseen_at(number(word) or 0.0, item.scale)
+        for axis, word in zip(axes, words)
+    }
+    return {axis: value for axis, value in hidden.items() if value.why}
 
 
 def line(text: str) -> int:
