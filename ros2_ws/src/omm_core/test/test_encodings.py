@@ -6,7 +6,7 @@ import pytest
 from target_scenes import as_seen, target_image
 
 from omm_core.errors import InputError
-from omm_core.imaging.encodings import KNOWN_ENCODINGS, grey_image
+from omm_core.imaging.encodings import KNOWN_ENCODINGS, grey_image, liberties
 from omm_core.targets import detect_targets
 from omm_core.targets.coded.families import TargetFamily
 
@@ -21,7 +21,7 @@ def decode(data, encoding, height, width, step=None, big_endian=False):
         encoding,
         height_px=height,
         width_px=width,
-        step_bytes=step or values.nbytes // height,
+        step_bytes=values.nbytes // height if step is None else step,
         big_endian=big_endian,
     )
 
@@ -84,6 +84,27 @@ def test_padding_and_byte_order_change_nothing():
     padded = np.full((4, 11), 7, dtype=np.uint8)  # an odd step
     padded[:, :6] = pixels.astype(">u2").view(np.uint8).reshape(4, 6)
     assert np.array_equal(decode(padded, "mono16", 4, 3, step=11, big_endian=True), pixels)
+
+
+@pytest.mark.parametrize("encoding", ["Mono8", "MONO16", "Bayer_RGGB8", "BGR8", "8uc1"])
+def test_capitals_of_an_encoding_say_the_same_and_are_told(encoding):
+    proper = next(name for name in KNOWN_ENCODINGS if name.lower() == encoding.lower())
+    values = RNG.integers(0, 255, (6, 8 * 6)).astype(np.uint8)
+    as_ros, as_told = (decode(values, name, 6, 8) for name in (proper, encoding))
+    assert np.array_equal(as_ros, as_told)
+    assert liberties(proper, 8) == ""
+    assert repr(encoding) in liberties(encoding, 8)
+
+
+@pytest.mark.parametrize(("encoding", "row"), [("mono8", 5), ("mono16", 10), ("bgra8", 20)])
+def test_a_step_of_0_is_rows_without_padding_where_the_data_agree(encoding, row):
+    values = RNG.integers(0, 255, (6, row)).astype(np.uint8)
+    expected = decode(values, encoding, 6, 5)
+    assert np.array_equal(decode(values, encoding, 6, 5, step=0), expected)
+    assert "step of 0" in liberties(encoding, 0)
+    for other in (values[:5], np.vstack([values, values[:1]])):  # which padding it has is not known
+        with pytest.raises(InputError, match="in rows of 0: the image is damaged"):
+            decode(other, encoding, 6, 5, step=0)
 
 
 @pytest.mark.parametrize("encoding", ["", "jpeg", "32FC1", "nv21"])

@@ -26,6 +26,7 @@ from omm_core.errors import InputError, OmmError
 from omm_core.files.machine import MachineUncertainty, load_machine
 from omm_core.files.part import Part, load_part, looks_like_part
 from omm_core.imaging.calibration import load_calibration
+from omm_core.imaging.encodings import liberties
 from omm_core.session.measurement import Measurement, MeasurementOptions
 from omm_core.session.result import MeasurementResult
 from omm_core.warm_up import warm_up_detection, warm_up_estimation
@@ -168,6 +169,8 @@ class EstimatorNode(CountingLifecycleNode):
         stamp = stamp_ns(message.header.stamp)
         try:
             image = image_from_message(message)
+            if liberty := liberties(message.encoding, message.step):
+                self.get_logger().warning(liberty, once=True)
             detection = measurement.detect(image)
         except InputError as error:
             measurement.add_refused_image(stamp, of_error(error))

@@ -2,13 +2,14 @@
 
 import re
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
 
-from omm_core.errors import InputError
+from omm_core.errors import InputError, warn
 from omm_core.geometry import RigidTransform
-from omm_core.imaging.encodings import grey_image
+from omm_core.imaging.encodings import grey_image, liberties
 
 IMAGE_TYPE = "sensor_msgs/msg/Image"
 POSE_TYPE = "geometry_msgs/msg/PoseStamped"
@@ -90,6 +91,8 @@ def image_pixels(message: Any) -> np.ndarray:
     InputError
         If its encoding is not known, or its sizes contradict each other.
     """
+    if liberty := liberties(message.encoding, int(message.step)):
+        _tell_once(liberty)
     return grey_image(
         np.asarray(message.data),
         message.encoding,
@@ -98,6 +101,11 @@ def image_pixels(message: Any) -> np.ndarray:
         step_bytes=int(message.step),
         big_endian=bool(message.is_bigendian),
     )
+
+
+@cache
+def _tell_once(liberty: str) -> None:
+    warn(liberty)
 
 
 def machine_T_spindle(message: Any) -> RigidTransform:

@@ -2,6 +2,7 @@
 
 import struct
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -272,3 +273,20 @@ def test_a_damaged_zstd_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "bag.mcap.zstd"
     path.write_bytes(zstandard.compress(b"x" * 100_000)[:30])
     assert "zstd" in refusal(path) or "MCAP" in refusal(path)
+
+
+def test_images_that_drivers_say_otherwise_than_ros_are_read_and_told_once(capsys):
+    message = SimpleNamespace(
+        data=np.arange(12, dtype=np.uint8),
+        encoding="Mono8",
+        height=3,
+        width=4,
+        step=0,
+        is_bigendian=0,
+    )
+    for _ in range(3):
+        assert np.array_equal(image_pixels(message), np.arange(12).reshape(3, 4))
+    said = capsys.readouterr().err
+    assert said.count("omm: warning:") == 1
+    assert "'Mono8'" in said
+    assert "a step of 0 is read as rows without padding" in said

@@ -65,6 +65,17 @@ for _name, _conversion in _MOSAICS.items():
         _ENCODINGS[f"{_name}{_bits}"] = _Encoding(bits=_bits, conversion=_conversion)
 
 KNOWN_ENCODINGS = tuple(_ENCODINGS)
+_BY_LOWER_CASE = {name.lower(): kind for name, kind in _ENCODINGS.items()}
+
+
+def liberties(encoding: str, step_bytes: int) -> str:
+    """Return what of an image is not as ROS writes it and is read all the same; else nothing."""
+    told = []
+    if encoding not in _ENCODINGS and encoding.lower() in _BY_LOWER_CASE:
+        told.append(f"the encoding {encoding!r} is read as ROS's of that name")
+    if step_bytes == 0:
+        told.append("a step of 0 is read as rows without padding")
+    return f"images: {'; '.join(told)}. Their driver should say it as ROS does." if told else ""
 
 
 def grey_image(
@@ -75,8 +86,9 @@ def grey_image(
     Parameters
     ----------
     data : bytes of the rows, one after the other
-    encoding : as ROS names it: ``mono8``, ``bgr8``, ``bayer_rggb8``, …
-    height_px, width_px, step_bytes : rows, pixels of a row, bytes of a row with its padding
+    encoding : as ROS names it, in capitals or not: ``mono8``, ``bgr8``, ``bayer_rggb8``, …
+    height_px, width_px, step_bytes : rows, pixels of a row, bytes of a row with its padding (0:
+        without, where the data fill the image exactly)
     big_endian : order of the bytes of 16-bit values
 
     Returns
@@ -88,7 +100,7 @@ def grey_image(
     InputError
         The encoding is none of `KNOWN_ENCODINGS`, or the data do not fill the image.
     """
-    kind = _ENCODINGS.get(encoding)
+    kind = _BY_LOWER_CASE.get(encoding.lower())
     if kind is None:
         raise InputError(
             keyed(
@@ -102,6 +114,7 @@ def grey_image(
     row_bytes = width_px * kind.channels * dtype.itemsize
     values = np.frombuffer(data, dtype=np.uint8) if not isinstance(data, np.ndarray) else data
     values = values.reshape(-1)
+    step_bytes = step_bytes or (row_bytes if values.size == row_bytes * height_px else 0)
     short = step_bytes < row_bytes or values.size < step_bytes * height_px
     if width_px <= 0 or height_px <= 0 or short:
         raise InputError(
