@@ -25,8 +25,6 @@ def test_a_warm_bar_is_longer_and_less_well_known(tmp_path):
 @pytest.mark.parametrize(
     ("lines", "words"),
     [
-        (f"scale_bars: [{{{BAR}, expansion_per_K: 1.1e-5}}]", "nothing without temperature_C"),
-        (f"check_bars: [{{{BAR}, temperature_sigma_K: 1}}]", "nothing without temperature_C"),
         (f"scale_bars: [{{{BAR}, temperature_C: 24, expansion_per_K: 11.5}}]", "steel.s, 11.5e-6"),
         (
             "datum: {three_targets: [1, 2, 3], nominal: {1: [0, 0, 0]}}",
@@ -38,3 +36,10 @@ def test_a_warm_bar_is_longer_and_less_well_known(tmp_path):
 def test_what_would_be_overlooked_in_silence_is_refused(tmp_path, lines, words):
     with pytest.raises(InputError, match=words):
         loaded(tmp_path, lines)
+
+
+@pytest.mark.parametrize("told", ["expansion_per_K: 1.1e-5", "temperature_sigma_K: 1"])
+def test_a_bar_without_a_temperature_is_told_so_and_taken_as_declared(tmp_path, capsys, told):
+    survey = loaded(tmp_path, f"scale_bars: [{{{BAR}, {told}}}]")
+    assert (survey.scale_bars[0].length_mm, survey.scale_bars[0].sigma_mm) == (1000.0, 0.004)
+    assert f"{told.split(':')[0]} changes nothing without temperature_C" in capsys.readouterr().err

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_core.errors import InputError
+from omm_core.errors import InputError, warn
 from omm_core.files.declared import integer, number, read_section, text, values
 from omm_core.files.yaml_input import YamlSection, read_yaml
 
@@ -255,7 +255,7 @@ def _bar(section: YamlSection) -> DeclaredBar:
     length, sigma = bar.length_mm, bar.sigma_mm
     idle = [k for k in _OF_TEMPERATURE if k in section] if bar.temperature_C is None else []
     if idle:
-        raise InputError(f"{section.where}: {idle[0]} says nothing without temperature_C.")
+        warn(f"{section.where}: {idle[0]} changes nothing without temperature_C.")
     if bar.temperature_C is not None:
         expansion = section.number("expansion_per_K")
         if abs(expansion) > _LARGEST_EXPANSION_PER_K:
