@@ -13,6 +13,7 @@ from omm_core.survey.cameras import pixel_of
 from omm_core.survey.coded_network import rays_by_photo
 from omm_core.survey.fitting import adjusted
 from omm_core.survey.matching import match_dots, meetings, placed
+from omm_core.survey.moved_dots import words_of_lost
 from omm_core.survey.network import FEWEST_RAYS, Network, NetworkState, stages_for, state_of
 from omm_core.survey.recovering import placeable, recovered
 from omm_core.survey.sighting import CODED, PLAIN, Bar, Sighting, sighting_of_dot
@@ -72,7 +73,9 @@ def with_dots(
         ]
     state = replace(state, points=points, circles=circles)
     stages = stages_for(len(state.photos))[-1:]
-    return adjusted(state, every, found.bars, network.middle_px, stages), every
+    joined = adjusted(state, every, found.bars, network.middle_px, stages)
+    words = words_of_lost(joined.left_out_points, state, every, joined)
+    return replace(joined, words=tuple(words)), every
 
 
 def with_more_photos(

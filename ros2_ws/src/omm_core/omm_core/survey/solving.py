@@ -13,6 +13,7 @@ from omm_core.survey.cameras import Cameras, pixel_of
 from omm_core.survey.coded_network import LOOSE, rays_by_photo, started
 from omm_core.survey.fitting import adjusted
 from omm_core.survey.joining import Found, lost, with_dots, with_lost, with_more_photos
+from omm_core.survey.moved_dots import words_of_lost
 from omm_core.survey.network import (
     REJECTION,
     Network,
@@ -25,7 +26,7 @@ from omm_core.survey.start import (
     FITS_AT_FIRST_PX,
     resect_photos,
 )
-from omm_core.survey.weeding import Misfits, misfits_of
+from omm_core.survey.weeding import Misfits, misfits_of, words_of_dots
 from omm_core.survey.zooming import zoomed_photos
 from omm_core.targets.plain import PlainDot
 
@@ -206,15 +207,17 @@ def _weeded(
     out: Misfits,
 ) -> Network:
     """Adjust for good; what then still contradicts itself is left out with all of its rays."""
-    state = state_of(network, declared)
+    state, words = state_of(network, declared), list(network.words)
     for _ in range(_WEEDINGS):
         stages = stages_for(len(state.photos))[-1:]
         network = adjusted(state, sightings, bars, network.middle_px, stages, REJECTION)
         out = out.with_(Misfits(points=network.left_out_points, photos=network.left_out_photos))
+        words += words_of_lost(network.left_out_points, state, sightings, network)
         more = misfits_of(network)
         if not more:
             break
         out = out.with_(more)
+        words += words_of_dots(network, more)
         state = state_of(network, declared)
         for number in more.points:
             del state.points[number]
@@ -225,4 +228,5 @@ def _weeded(
         for n, why in out.points.items()
         if n > 0  # plain ones have no name beforehand
     }
-    return replace(network, left_out_points=told, left_out_photos=out.photos)
+    words = list(dict.fromkeys(words))
+    return replace(network, left_out_points=told, left_out_photos=out.photos, words=tuple(words))

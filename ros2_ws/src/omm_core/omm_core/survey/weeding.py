@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from omm_core.survey.camera_model import undistorted
 from omm_core.survey.misreading import misread_targets
+from omm_core.survey.moved_dots import moved_dots, name_of_dot, words_of_move
 from omm_core.survey.network import (
     BAD_SHARE,
     CONTRADICTS,
@@ -31,6 +32,7 @@ _FAR_SIGMAS, _FAR_PX = 12.0, 0.25
 _TWO_SHARE = 0.25  # of a point's rays: so many at least, where only two agree
 _MOST = 0.6  # of the rejected rays
 _AGREES_PX = 0.05
+ONE_OF_TWO = "it is the same dot as another"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,9 +52,19 @@ class Misfits:
 
 def misfits_of(network: Network) -> Misfits:
     """Return what must be left out of a network with all of its rays."""
-    moved = _moved(network)
-    points = {**_contradicting_points(network), **moved}
+    points = {**_contradicting_points(network), **_moved(network)}
+    for pair in moved_dots(network):
+        points |= dict.fromkeys(pair, ONE_OF_TWO) | {pair[0]: words_of_move(network, pair)}
     return Misfits(points=points, photos=_contradicting_photos(network, set(points)))
+
+
+def words_of_dots(network: Network, misfits: Misfits) -> list[str]:
+    """Return what must be told of plain dots that are left out; they have no numbers."""
+    return [
+        f"{name_of_dot(network.xyz_mm(n), network)} is left out: {why}."
+        for n, why in misfits.points.items()
+        if n < 0 and why not in (CONTRADICTS, ONE_OF_TWO)
+    ]
 
 
 def _contradicting_points(network: Network) -> dict[int, str]:
@@ -104,7 +116,8 @@ def _moved(network: Network) -> dict[int, str]:
             by = float(np.linalg.norm(place - network.xyz_mm(point)))
             moved[point] = (
                 f"{count} photographs show it {by:.2f} mm from where the other"
-                f" {network.rays_of(point)} do: it moved, or its number stands on two targets"
+                f" {network.rays_of(point)} do: it moved"
+                + (", or its number stands on two targets" if point > 0 else "")
             )
     return moved
 
