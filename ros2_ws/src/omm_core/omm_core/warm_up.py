@@ -1,8 +1,8 @@
 """Load, or compile once, all kernels of a measurement, so that no image waits for that.
 
-Both functions measure something small that needs no file. They may run side by side.
+Each function measures something small that needs no file. They may run side by side.
 
-python -m omm_core.warm_up [detection | estimation]
+python -m omm_core.warm_up [detection] [estimation] [adjustment]
 """
 
 from __future__ import annotations
@@ -75,6 +75,21 @@ def warm_up_estimation() -> None:
     solve(observations, Part(name="warm-up", target_family=_FAMILY, targets=targets), calibration)
 
 
+def warm_up_adjustment() -> None:
+    """Adjust and test two readings of one value."""
+    from omm_core.adjustment import Block, Group, Problem, solve, test_observations
+
+    reading = Block(
+        name="readings",
+        observed=np.array([[1.0], [1.1]]),
+        covariance=np.full((2, 1, 1), 0.01),
+        index={"value": np.zeros(2, dtype=int)},
+        evaluate=lambda values: (values["value"][[0, 0]], {"value": np.ones((2, 1, 1))}),
+    )
+    problem = Problem(groups=(Group(name="value", values=np.zeros((1, 1))),), blocks=(reading,))
+    test_observations(problem, solve(problem))
+
+
 def _drawing(family: TargetFamily, target_id: int) -> NDArray[np.uint8]:
     """Return a plain drawing of one target, bright on black."""
     size, radius = 240, 20.0
@@ -92,7 +107,10 @@ def _drawing(family: TargetFamily, target_id: int) -> NDArray[np.uint8]:
 
 
 if __name__ == "__main__":
-    if "estimation" not in sys.argv:
-        warm_up_detection()
-    if "detection" not in sys.argv:
-        warm_up_estimation()
+    known = {
+        "detection": warm_up_detection,
+        "estimation": warm_up_estimation,
+        "adjustment": warm_up_adjustment,
+    }
+    for name in sys.argv[1:] or known:
+        known[name]()

@@ -12,6 +12,8 @@ from omm_core.adjustment import (
     solve,
 )
 from omm_core.adjustment import test_observations as observation_tests
+from omm_core.adjustment.normal_equations import linearise
+from omm_core.adjustment.parting import apart
 
 SIGMA = 0.01
 
@@ -152,3 +154,57 @@ def test_a_step_that_leads_nowhere_is_not_taken():
     solution = solve(Problem(groups=(group,), blocks=(block,)), iterations=2)
     assert not solution.converged
     assert all(np.abs(step).max() < 1e100 for step in steps)
+
+
+def stations(lost=()):
+    """Points seen from many stations, as vectors bent by a term, of which one value is held."""
+    rng = np.random.default_rng(7)
+    count, points = 60, rng.uniform(-5, 5, (9, 3))
+    station, point = (grid.ravel() for grid in np.mgrid[:count, :9])
+    seen = (rng.random(len(station)) < 0.6) & ~np.isin(station, lost)
+    station, point = station[seen], point[seen]
+    bend = rng.normal(size=(len(station), 3, 2))
+    root = rng.normal(size=(len(station), 3, 3)) + 2.0 * np.eye(3)
+
+    def evaluate(values):
+        predicted = values["points"][point] - values["stations"][station]
+        unit = np.broadcast_to(np.eye(3), (len(station), 3, 3))
+        bent = np.einsum("mij,j->mi", bend, values["common"][0])
+        return predicted + bent, {"common": bend, "stations": -unit, "points": unit}
+
+    return Problem(
+        groups=(
+            Group(name="common", values=np.zeros((1, 2)), held=np.array([[False, True]])),
+            Group(name="stations", values=np.zeros((count, 3))),
+            Group(name="points", values=points),
+        ),
+        blocks=(
+            Block(
+                name="vectors", observed=rng.normal(size=(len(station), 3)),
+                covariance=root @ np.swapaxes(root, 1, 2),
+                index={"common": 0 * point, "stations": station, "points": point},
+                evaluate=evaluate,
+            ),
+        ),
+        datum={"points": rigid_directions(points)[:, :3]},
+    )  # fmt: skip
+
+
+def test_stations_that_are_eliminated_come_out_as_from_the_whole_equations():
+    problem = stations()
+    assert apart(problem) == (problem.slices()["stations"], 3)
+    solution = solve(problem)
+    at = linearise(problem, {group.name: group.values for group in problem.groups})
+    free, datum = problem.free(), problem.datum_matrix()
+    normal, datum = at.normal[np.ix_(free, free)], datum[free]
+    bordered = np.block([[normal, datum], [datum.T, np.zeros((3, 3))]])
+    wanted = np.linalg.inv(bordered)[: len(normal), : len(normal)]
+    assert np.abs(solution.covariance[np.ix_(free, free)] - wanted).max() < 1e-10
+    step = np.concatenate([(solution.values[g.name] - g.values).ravel() for g in problem.groups])
+    assert np.abs(step[free] - wanted @ at.right[free]).max() < 1e-8
+
+
+def test_a_station_that_nothing_was_seen_from_is_found_among_those_eliminated():
+    solution = solve(stations(lost=(17,)))
+    assert len(solution.undetermined) == 3
+    assert all(d.labels[0].startswith("stations 17") for d in solution.undetermined)

@@ -12,7 +12,7 @@ from pathlib import Path
 PACKAGES = ("omm_core", "omm_simulation")
 PROGRAMS = {  # the longest first
     "finding targets": ("omm_core.warm_up", "detection"),
-    "solving": ("omm_core.warm_up", "estimation"),
+    "solving": ("omm_core.warm_up", "estimation", "adjustment"),
     "rendering": ("omm_simulation.warm_up",),
 }
 _STATE = "kernels.sha256"

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from omm_core.adjustment.kernels import add_observations
 from omm_core.adjustment.problem import Block, Group, Problem, Values
 
 Array = NDArray[np.float64]
@@ -41,15 +42,6 @@ def group_of(reference: str) -> str:
     return reference.split(":", 1)[0]
 
 
-def cost_of(problem: Problem, values: Values) -> float:
-    """Return the weighted sum of squares; infinite where an observation cannot be predicted."""
-    total = sum(_observed_group_cost(group, values) for group in problem.adjusted())
-    for block in problem.blocks:
-        residual = _residual(block, block.evaluate(values)[0])
-        total += float(np.einsum("mi,mij,mj->", residual, block.weights(), residual))
-    return total if np.isfinite(total) else float("inf")
-
-
 def linearise(problem: Problem, values: Values) -> Linearised:
     """Return the normal equations at given values."""
     slices = problem.slices()
@@ -80,6 +72,23 @@ def _residual(block: Block, predicted: Array) -> Array:
     return residual
 
 
+def columns_of(
+    block: Block, derivatives: Mapping[str, Array], slices: Mapping[str, slice]
+) -> NDArray[np.int64]:
+    """Return which unknowns each observation sees, (m, k), in the order of its derivatives."""
+    columns = [np.zeros((len(block.observed), 0), dtype=np.int64)]
+    for reference, derivative in derivatives.items():
+        k = derivative.shape[2]
+        start = slices[group_of(reference)].start
+        columns.append(start + np.asarray(block.index[reference])[:, None] * k + np.arange(k))
+    return np.require(np.concatenate(columns, axis=1), np.int64, "C")
+
+
+def jacobian_of(derivatives: Mapping[str, Array]) -> Array:
+    """Return the derivatives (m, d, k) side by side, as they lie in `columns_of`."""
+    return np.require(np.concatenate(list(derivatives.values()), axis=2), np.float64, "C")
+
+
 def _add_block(
     normal: Array,
     right: Array,
@@ -89,44 +98,10 @@ def _add_block(
     derivatives: Mapping[str, Array],
     slices: Mapping[str, slice],
 ) -> None:
-    weighted = {r: weights @ j for r, j in derivatives.items()}
-    references = list(derivatives)
-    for a in references:
-        part = slices[group_of(a)]
-        k = derivatives[a].shape[2]
-        side = np.einsum("mdk,md->mk", weighted[a], residual)
-        right[part] += _summed(side, block.index[a][:, None] * k + np.arange(k), part)
-        for b in references:
-            other = slices[group_of(b)]
-            width = derivatives[b].shape[2]
-            product = np.swapaxes(derivatives[a], 1, 2) @ weighted[b]
-            _add_pairs(normal[part, other], product, block.index[a], block.index[b], width)
-
-
-def _summed(values: Array, where: NDArray[np.integer], part: slice) -> Array:
-    size = part.stop - part.start
-    return np.asarray(np.bincount(where.ravel(), values.ravel(), minlength=size), dtype=float)
-
-
-def _add_pairs(
-    target: Array,
-    product: Array,
-    rows: NDArray[np.integer],
-    columns: NDArray[np.integer],
-    width: int,
-) -> None:
-    """Add (m, k, l) products to a view of N at the rows of their two groups."""
-    k = product.shape[1]
-    pair = np.asarray(rows, dtype=np.int64) * (target.shape[1] // width) + columns
-    order = np.argsort(pair, kind="stable")
-    pairs, starts = np.unique(pair[order], return_index=True)
-    # What falls on the same place is summed first: += takes each place once.
-    flat = product.reshape(len(product), -1)[order]
-    product = np.add.reduceat(flat, starts, axis=0).reshape(-1, k, width)
-    row, column = np.divmod(pairs, target.shape[1] // width)
-    at_row = (row[:, None] * k + np.arange(k))[:, :, None]
-    at_column = (column[:, None] * width + np.arange(width))[:, None, :]
-    target[at_row, at_column] += product
+    if derivatives:
+        columns, jacobian = columns_of(block, derivatives, slices), jacobian_of(derivatives)
+        residual = np.require(residual, np.float64, ("C", "W"))
+        add_observations(normal, right, columns, jacobian, weights, residual)
 
 
 def _add_observed_group(

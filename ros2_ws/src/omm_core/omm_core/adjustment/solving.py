@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dposv, dpotrf, dpotri
+from scipy.linalg.lapack import dposv
 
-from omm_core.adjustment.normal_equations import Linearised, cost_of, linearise
+from omm_core.adjustment.normal_equations import Linearised, linearise
+from omm_core.adjustment.parting import Parted, apart, inverted
 from omm_core.adjustment.problem import Problem, Values
 
 Array = NDArray[np.float64]
@@ -19,7 +21,6 @@ Mask = NDArray[np.bool_]
 UNDETERMINED = 1e-11
 _DAMPING_STEPS = 14
 _NOWHERE = 1e100  # of no unknown's unit: the equations are singular, but for rounding
-_BLOCK = 256
 # Added to the scaled diagonal: rounding does not carry undetermined directions away.
 _LOST = 1e-11
 
@@ -93,18 +94,19 @@ def solve(
         Whether to look for undetermined directions; without, they raise LinAlgError.
     """
     values: dict[str, Array] = {group.name: np.array(group.values) for group in problem.groups}
-    free, datum = problem.free(), problem.datum_matrix()
+    free, datum, parting = problem.free(), problem.datum_matrix(), apart(problem)
     converged, count = False, 0
     at = linearise(problem, values)
     while count < iterations and not converged:
         count += 1
-        system = _Scaled(at, free, datum)
+        system = _Scaled(at, free, datum, parting)
         values, at, moved = _improve(problem, values, at, system, free)
         converged = moved < tolerance
-    system = _Scaled(at, free, datum)
-    covariance = np.zeros((len(free), len(free)))
-    inverse, directions = system.covariance(look=undetermined)
-    covariance[np.ix_(free, free)] = inverse
+    system = _Scaled(at, free, datum, parting)
+    covariance, directions = system.covariance(look=undetermined)
+    if not free.all():
+        known, covariance = covariance, np.zeros((len(free), len(free)))
+        covariance[np.ix_(free, free)] = known
     unknowns = int(free.sum()) - datum.shape[1] - len(directions)
     degrees = _observations(problem) - unknowns
     return Solution(
@@ -125,18 +127,36 @@ def solve(
 class _Scaled:
     """The normal equations of the free unknowns, scaled to a unit diagonal."""
 
-    def __init__(self, at: Linearised, free: Mask, datum: Array) -> None:
+    def __init__(
+        self, at: Linearised, free: Mask, datum: Array, parting: tuple[slice, int] | None
+    ) -> None:
         diagonal = np.diag(at.normal)[free]
         self.scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-        picked = at.normal if free.all() else at.normal[np.ix_(free, free)]
-        self.normal = picked * self.scale[:, None] * self.scale[None, :]
         self.right = at.right[free] * self.scale
         # Only the space that G spans matters, so its columns may be made orthonormal.
         self.datum = np.linalg.qr(datum[free] * self.scale[:, None])[0] if datum.size else None
-        self.matrix = self.normal if self.datum is None else self.normal + self.datum @ self.datum.T
+        self.normal, self.free = at.normal, free
+        self.parted = (
+            None if parting is None else Parted(at.normal, free, self.scale, self.datum, parting)
+        )
+
+    @cached_property
+    def matrix(self) -> Array:
+        """Return the whole matrix, datum included."""
+        every = self.free.all()
+        picked = self.normal if every else self.normal[np.ix_(self.free, self.free)]
+        matrix = np.asarray(picked * self.scale[:, None])
+        matrix *= self.scale
+        if self.datum is not None:
+            matrix += self.datum @ self.datum.T
+        return matrix
 
     def step(self, damping: float) -> Array:
         """Return the step in the unknowns' own units."""
+        if self.parted is not None:
+            parts = self.parted.step(self.right, damping + _LOST)
+            if parts is not None:
+                return np.asarray(self.scale * parts)
         matrix = self._copied(damping + _LOST)
         _, found, failed = dposv(matrix, self.right, lower=1, overwrite_a=1)
         if failed:  # not positive definite, by rounding
@@ -152,15 +172,15 @@ class _Scaled:
     def covariance(self, *, look: bool) -> tuple[Array, list[Array]]:
         """Return the covariance and the undetermined directions, in the unknowns' own units."""
         directions: list[Array] = []
-        if not len(self.matrix):
+        if not len(self.scale):
             return np.zeros((0, 0)), directions
-        root, failed = dpotrf(self._copied(0.0), lower=1, clean=0, overwrite_a=1)
-        if failed and not look:
+        inverse = None if self.parted is None else self.parted.inverse()
+        if inverse is None:
+            inverse = inverted(self._copied(0.0))
+        if inverse is None and not look:
             raise np.linalg.LinAlgError("The normal equations are not positive definite.")
-        if failed:
+        if inverse is None:
             inverse = np.full_like(self.matrix, np.inf)
-        else:
-            inverse = _mirrored(dpotri(root, lower=1, overwrite_c=1)[0])
         if look and np.abs(np.diag(inverse)).max() > 0.01 / UNDETERMINED:
             values, vectors = np.linalg.eigh(self.matrix)
             lost = values < UNDETERMINED
@@ -168,18 +188,10 @@ class _Scaled:
             inverse = (vectors[:, ~lost] / values[~lost]) @ vectors[:, ~lost].T
         if self.datum is not None:  # (N + G Gᵀ)⁻¹ less the part that the datum made up
             made_up = inverse @ self.datum
-            inverse = inverse - made_up @ made_up.T
-        return inverse * self.scale[:, None] * self.scale[None, :], directions
-
-
-def _mirrored(half: Array) -> Array:
-    """Write what stands below a matrix's diagonal above it, too, block by block."""
-    for start in range(0, len(half), _BLOCK):
-        stop = start + _BLOCK
-        own = np.tril(half[start:stop, start:stop])
-        half[start:stop, start:stop] = own + np.tril(own, -1).T
-        half[start:stop, stop:] = half[stop:, start:stop].T
-    return half
+            inverse -= made_up @ made_up.T
+        inverse *= self.scale[:, None]
+        inverse *= self.scale
+        return inverse, directions
 
 
 def _improve(
@@ -195,10 +207,10 @@ def _improve(
         # The squared way in sigmas is what the step promises the cost to fall by.
         moved = float(np.sqrt(max(float(step @ (system.right / system.scale)), 0.0)))
         tried = _moved(problem, values, step, free)
-        cost = cost_of(problem, tried)
-        if cost <= at.cost * (1.0 + 1e-12) + 1e-12:
-            return tried, linearise(problem, tried), moved
-        if moved < 1e-3 and np.isfinite(cost):  # rounding: there is nothing left to gain
+        there = linearise(problem, tried)
+        if there.cost <= at.cost * (1.0 + 1e-12) + 1e-12:
+            return tried, there, moved
+        if moved < 1e-3 and np.isfinite(there.cost):  # rounding: there is nothing left to gain
             return values, at, 0.0
         damping = max(10.0 * damping, 1e-4)
     return values, at, float("inf")

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from omm_core.adjustment.normal_equations import group_of
+from omm_core.adjustment.kernels import propagated
+from omm_core.adjustment.normal_equations import columns_of, jacobian_of
 from omm_core.adjustment.problem import Block, Problem
 from omm_core.adjustment.solving import Solution
 
@@ -65,14 +66,8 @@ def _block_tests(block: Block, solution: Solution) -> ObservationTests:
 def predicted_covariance(block: Block, derivatives: dict[str, Array], solution: Solution) -> Array:
     """Return A Q Aᵀ of each observation, (m, d, d)."""
     m, d = block.observed.shape
-    columns = []
-    for reference, derivative in derivatives.items():
-        k = derivative.shape[2]
-        start = solution.slices[group_of(reference)].start
-        columns.append(start + block.index[reference][:, None] * k + np.arange(k))
-    if not columns:
+    if not derivatives:
         return np.zeros((m, d, d))
-    where = np.concatenate(columns, axis=1)
-    jacobian = np.concatenate(list(derivatives.values()), axis=2)
-    covariance = solution.covariance[where[:, :, None], where[:, None, :]]
-    return np.asarray(jacobian @ covariance @ np.swapaxes(jacobian, 1, 2))
+    covariance = np.require(solution.covariance, np.float64, ("C", "W"))
+    columns = columns_of(block, derivatives, solution.slices)
+    return np.asarray(propagated(covariance, columns, jacobian_of(derivatives)))

@@ -79,11 +79,18 @@ def adjusted(
     zooms : bool
         Whether each photograph may have a focal length of its own (group ``zooms``: its logarithm
         over the common one).
+
+    Raises
+    ------
+    LinAlgError
+        Where nothing holds the network together.
     """
     photos: dict[int, str] = {}
     points: dict[int, str] = {}
     while True:
         kept = _tied(state, sightings)
+        if not kept:
+            raise np.linalg.LinAlgError("No two photographs are left that tie each other.")
         seen = {s.point for s in kept}
         there = [b for b in bars if set(b.ends) <= seen]
         fitting = Fitting(state, kept, there, middle_px, rejection, zooms=zooms)
