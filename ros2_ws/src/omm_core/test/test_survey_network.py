@@ -18,11 +18,12 @@ SIZE = (3000, 2000)
 SIGMA_PX = 0.01
 
 
-def photographs(rng: np.random.Generator) -> tuple[np.ndarray, list[Sighting]]:
+def photographs(rng: np.random.Generator, places: int = 18) -> tuple[np.ndarray, list[Sighting]]:
+    """Points seen in 18 photographs; from each of 9 places two are taken, the camera turned."""
     points = rng.uniform(-1, 1, (20, 3)) * [400.0, 300.0, 150.0]
     photos = []
     for i in range(18):
-        around = 2 * np.pi * i / 18
+        around = 2 * np.pi * i / places
         place = np.array([1300 * np.cos(around), 1300 * np.sin(around), 1100.0 + 100 * (i % 3)])
         z = -place / np.linalg.norm(place)
         x = np.cross(z, [0, 0, 1.0])

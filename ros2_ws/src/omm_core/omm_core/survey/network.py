@@ -48,6 +48,8 @@ class Network:
         Test of each ray, chi-square of two.
     left_out_points, left_out_photos : mapping
         Why coded targets and photographs do not take part, by number.
+    few_rays : tuple of int
+        Coded targets that too few of the photographs show to have a place.
     words : tuple of str
         What else must be told.
     """
@@ -66,6 +68,7 @@ class Network:
     diameters_mm: dict[str, float] = field(default_factory=dict)
     left_out_points: dict[int, str] = field(default_factory=dict)
     left_out_photos: dict[int, str] = field(default_factory=dict)
+    few_rays: tuple[int, ...] = ()
     words: tuple[str, ...] = ()
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from omm_core.survey.fitting import adjusted
 from omm_core.survey.joining import Found, lost, with_dots, with_lost, with_more_photos
 from omm_core.survey.moved_dots import words_of_lost
 from omm_core.survey.network import (
+    FEWEST_RAYS,
     REJECTION,
     Network,
     stages_for,
@@ -70,7 +72,24 @@ def solve_network(
     if not isinstance(cameras, Cameras):
         cameras = Cameras(focal_px=(float(cameras),))
     with np.errstate(all="ignore"):  # what diverges is judged by where it ends
-        return _solved_or_without_one(sightings, bars, cameras, middle, dots or {}, declared)
+        network = _solved_or_without_one(sightings, bars, cameras, middle, dots or {}, declared)
+    return _with_unplaced(network, sightings)
+
+
+def _with_unplaced(network: Network, sightings: list[Sighting]) -> Network:
+    """Return the network with a reason for every target that was read and has no place in it."""
+    rays = Counter(s.point for s in sightings if s.photo in network.photos)
+    gone = {
+        n: f"its {count} rays do not meet in one place, and do not tell which are wrong"
+        for n, count in sorted(rays.items())
+        if count >= FEWEST_RAYS and n not in network.points and n not in network.left_out_points
+    }
+    few = tuple(n for n, count in sorted(rays.items()) if count < FEWEST_RAYS)
+    return replace(
+        network,
+        left_out_points={**network.left_out_points, **gone},
+        few_rays=tuple(n for n in few if n not in network.points),
+    )
 
 
 def _solved_or_without_one(
@@ -228,5 +247,15 @@ def _weeded(
         for n, why in out.points.items()
         if n > 0  # plain ones have no name beforehand
     }
+    if not network.bars:
+        raise MeasurementError(_without_scale(bars, out))
     words = list(dict.fromkeys(words))
     return replace(network, left_out_points=told, left_out_photos=out.photos, words=tuple(words))
+
+
+def _without_scale(bars: list[Bar], out: Misfits) -> str:
+    """Return what is told where the ends of all bars were left out."""
+    ends = {end: out.points[end] for bar in bars for end in bar.ends if end in out.points}
+    gone = [f"target {end}, a bar's end, is left out: {why}" for end, why in ends.items()]
+    why = "; ".join(gone) or "too few photographs are left that show the scale bars' ends"
+    return f"The coordinates have no scale: {why}. Photograph the bars more often."

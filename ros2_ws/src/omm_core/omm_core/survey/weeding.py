@@ -24,6 +24,7 @@ from omm_core.survey.network import (
     REJECTION,
     Network,
 )
+from omm_core.survey.undecided import undecided_points
 
 Array = NDArray[np.float64]
 
@@ -52,7 +53,7 @@ class Misfits:
 
 def misfits_of(network: Network) -> Misfits:
     """Return what must be left out of a network with all of its rays."""
-    points = {**_contradicting_points(network), **_moved(network)}
+    points = {**undecided_points(network), **_contradicting_points(network), **_moved(network)}
     for pair in moved_dots(network):
         points |= dict.fromkeys(pair, ONE_OF_TWO) | {pair[0]: words_of_move(network, pair)}
     return Misfits(points=points, photos=_contradicting_photos(network, set(points)))

@@ -86,6 +86,7 @@ def _suspects(network: Network, photo_name: Callable[[int], str]) -> list[str]:
 
 def _few_rays(network: Network) -> list[str]:
     few = [name_of(p) for p, rays in network.ray_counts().items() if rays < FEWEST_RAYS]
+    few += map(name_of, network.few_rays)
     if not few:
         return []
     return [
