@@ -1,16 +1,21 @@
 """What is told of a network is true, and a good network is told nothing."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from test_survey_network import LENS, SIGMA_PX, SIZE, bars_of
 
+from omm_core.errors import MeasurementError
 from omm_core.survey import Sighting, solve_network
 from omm_core.survey.camera_model import evaluate_rays
 from omm_core.survey.words import findings_of
 
 
-def told(seed: int, *, away_mm: tuple[float, float], quarters: int) -> str:
+def told(
+    seed: int, *, away_mm: tuple[float, float], quarters: int, noise_px: float = SIGMA_PX
+) -> str:
     """Return the findings of 18 photographs from a ring (radius, height) about 20 targets.
 
     They are turned about the lens's axis by `quarters` different quarters of a turn; from near the
@@ -33,7 +38,7 @@ def told(seed: int, *, away_mm: tuple[float, float], quarters: int) -> str:
     photo, point = (grid.ravel() for grid in np.mgrid[:18, :20])
     values = {"lens": LENS[None], "photos": np.array(photos), "points": points}
     pixels = evaluate_rays(values, photo, point, (np.array(SIZE) - 1) / 2)[0]
-    pixels += rng.normal(0, SIGMA_PX, pixels.shape)
+    pixels += rng.normal(0, noise_px, pixels.shape)
     sightings = [
         Sighting(photo=int(i), point=int(p), center_px=c, covariance_px2=SIGMA_PX**2 * np.eye(2))
         for i, p, c in zip(photo, point, pixels, strict=True)
@@ -56,3 +61,16 @@ def test_one_roll_angle_is_told_from_aside_and_face_on_and_only_then(seed, away_
 def test_weak_angles_are_told_and_nothing_of_a_good_network(seed):
     assert "Seen from nearly one side only" in told(seed, away_mm=FACE_ON, quarters=4)
     assert told(seed, away_mm=ASIDE, quarters=4) == ""
+
+
+def test_rays_that_fit_far_worse_than_expected_are_told_first():
+    assert told(1, away_mm=ASIDE, quarters=4, noise_px=3 * SIGMA_PX) == ""
+    words = told(1, away_mm=ASIDE, quarters=4, noise_px=20 * SIGMA_PX)
+    times = re.match(r"The rays fit (\S+) times worse", words)
+    assert times
+    assert float(times[1]) == pytest.approx(20, rel=0.1)
+
+
+def test_photographs_that_do_not_fit_together_give_no_coordinates():
+    with pytest.raises(MeasurementError, match=r"not fit together.*1\.[3-6] px.*number once"):
+        told(1, away_mm=ASIDE, quarters=4, noise_px=1.6)

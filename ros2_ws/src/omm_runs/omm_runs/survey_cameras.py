@@ -6,6 +6,7 @@ A camera is a body with a lens at one focal length: each has an interior orienta
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -178,4 +179,15 @@ def _named_apart(groups: list[Group]) -> list[Group]:
     return [
         replace(group, name=f"{group.name} ({k})") if count[group.name] > 1 else group
         for k, group in enumerate(groups, start=1)
+    ]
+
+
+def zoom_advice(names: Sequence[str]) -> list[str]:
+    """Return how photographs that were taken with another focal length can be used all the same."""
+    if len(names) < FEWEST_OF_CAMERA:
+        return []
+    return [
+        f"{len(names)} photographs have another focal length than the others. They can be used all"
+        " the same: as a camera of their own, under cameras in survey.yaml, with another name and"
+        " their focal length."
     ]

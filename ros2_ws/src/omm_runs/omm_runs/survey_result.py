@@ -23,9 +23,11 @@ from omm_core.survey.datum import Frame, frame_of_nominal, frame_of_three, free_
 from omm_core.survey.network import FEWEST_RAYS
 from omm_core.survey.sighting import CODED, PLAIN
 from omm_core.survey.words import findings_of, name_of, photo_reasons
-from omm_runs.survey_cameras import Group, shifts_px
+from omm_core.survey.zooming import TOUCHED
+from omm_runs.survey_cameras import Group, shifts_px, zoom_advice
 
 Array = NDArray[np.float64]
+_CHECK_SIGMAS = 3.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -115,6 +117,7 @@ def as_json(
     findings = [*words, *out.words, *findings_of(network, lambda n: names[n], _nominal(groups))]
     findings += where_to_stand(network, out.frame)
     findings += [f"{names[n]} is left out: {why}." for n, why in sorted(reasons.items())]
+    findings += zoom_advice([names[n] for n in sorted(reasons) if TOUCHED in reasons[n]])
     solution = network.solution
     return {
         "converged": solution.converged,
@@ -126,8 +129,8 @@ def as_json(
         **_several(network),
         "points": _points(network, out),
         "photos": [_photo(n, name, network, out, reasons) for n, name in enumerate(names)],
-        "scale_bars": _measured(network, given.scale_bars, "scale bar", findings),
-        "check_bars": _measured(network, given.check_bars, "check bar", findings),
+        "scale_bars": measured_bars(network, given.scale_bars, "scale bar", findings),
+        "check_bars": measured_bars(network, given.check_bars, "check bar", findings),
         "findings": findings,
         "observations": _observations(network, names, shifts_px(groups)),
     }
@@ -211,9 +214,13 @@ def _photo(
     }  # fmt: skip
 
 
-def _measured(
+def measured_bars(
     network: Network, bars: tuple[DeclaredBar, ...], what: str, findings: list[str]
 ) -> list[dict[str, Any]]:
+    """Return the lengths of bars; what must be told of them is added to the findings.
+
+    ``what`` is "scale bar" or "check bar", of which only the latter checks anything.
+    """
     entries = []
     for bar in bars:
         if not all(end in network.points for end in bar.ends):
@@ -223,6 +230,13 @@ def _measured(
             )
             continue
         measured, sigma = network.length(bar.ends)
+        off, all_sigma = measured - bar.length_mm, np.hypot(sigma, bar.sigma_mm)
+        if what == "check bar" and abs(off) > _CHECK_SIGMAS * all_sigma:
+            findings.append(
+                f"The check bar {bar.ends[0]}-{bar.ends[1]} comes out {off:+.4f} mm off its length,"
+                f" {abs(off) / all_sigma:.1f} sigma: the scale may be wrong, or this bar's length"
+                " or the numbers of its ends."
+            )
         entries.append(
             {
                 "ends": list(bar.ends), "length_mm": bar.length_mm, "measured_mm": measured,

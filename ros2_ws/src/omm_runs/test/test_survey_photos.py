@@ -9,7 +9,7 @@ from PIL import Image
 from omm_core.errors import InputError, MeasurementError
 from omm_core.files.survey import load_survey
 from omm_runs.photographs import Seen
-from omm_runs.survey_cameras import assumed_words, shifts_px
+from omm_runs.survey_cameras import assumed_words, shifts_px, zoom_advice
 from omm_runs.survey_photos import doubled_numbers, photos_by_camera
 
 SIZE = (60, 40)
@@ -156,3 +156,11 @@ def test_cameras_that_cannot_be_meant_are_refused(tmp_path):
         (tmp_path / "survey.yaml").write_text(f"target_family: aicon12\n{text}\n")
         with pytest.raises(InputError, match=words):
             load_survey(tmp_path)
+
+
+def test_photographs_with_another_zoom_can_be_a_camera_of_their_own_from_four_on():
+    names = [f"p{i}.jpg" for i in range(4)]
+    assert zoom_advice(names[:3]) == []
+    (words,) = zoom_advice(names)
+    assert words.startswith("4 photographs")
+    assert "cameras in survey.yaml" in words

@@ -1,6 +1,7 @@
 """Photographs become coordinates: the rendered casting against its truth; bad sets in words."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -12,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from omm_core.errors import InputError, MeasurementError
 from omm_core.imaging.photographs import read_grey
 from omm_runs.photographs import focal_length_px
-from omm_runs.survey_result import write_points
+from omm_runs.survey_result import measured_bars, write_points
 from omm_runs.surveying import survey
 
 SET = Path(__file__).parents[4] / ".." / "shared" / "data" / "survey" / "casting"
@@ -73,6 +74,21 @@ def test_normals_point_out_of_the_faces(casting, truth):
     )
     for p in coded:
         assert turn.apply(p["normal"]) @ true[p["id"]] > np.cos(np.radians(5.0))
+
+
+@needs_set
+def test_a_check_bar_that_is_off_is_told_with_its_sigmas(casting):
+    good = casting.given.check_bars[0]
+    for off_mm, told in ((0.0, False), (0.2, True), (-0.2, True)):
+        findings: list[str] = []
+        bar = replace(good, length_mm=good.length_mm + off_mm)
+        (entry,) = measured_bars(casting.network, (bar,), "check bar", findings)
+        assert entry["measured_mm"] == casting.json["check_bars"][0]["measured_mm"]
+        assert bool(findings) == told
+        if told:
+            sigma = np.hypot(entry["sigma_mm"], bar.sigma_mm)
+            by = abs(entry["measured_mm"] - bar.length_mm) / sigma
+            assert f"{by:.1f} sigma" in findings[0]
 
 
 @needs_set

@@ -36,6 +36,7 @@ Array = NDArray[np.float64]
 
 _WEEDINGS = 8
 _BENT_SIGMA0 = 10.0  # times what was expected; good photographs of a real plate have 2.4
+_HOPELESS_PX = 1.0  # rms; dots are found to a few hundredths
 _SUSPECTS = 3  # targets tried, where one may bend everything
 BENDS = "its photographs show it in places far apart; it moved, or its number stands on two targets"
 _FEWEST_ZOOMS = 6  # photographs whose focal lengths can be compared
@@ -65,7 +66,7 @@ def solve_network(
     Raises
     ------
     MeasurementError
-        Where photographs are not connected, or no bar was measured.
+        Where photographs are not connected or do not fit together, or no bar was measured.
     """
     middle = (np.array(size_px) - 1.0) / 2.0
     declared = diameters_mm or {}
@@ -73,6 +74,13 @@ def solve_network(
         cameras = Cameras(focal_px=(float(cameras),))
     with np.errstate(all="ignore"):  # what diverges is judged by where it ends
         network = _solved_or_without_one(sightings, bars, cameras, middle, dots or {}, declared)
+    if network.sigma0 > _BENT_SIGMA0 and network.rms_px > _HOPELESS_PX:
+        raise MeasurementError(
+            f"The photographs do not fit together: the rays are {network.rms_px:.1f} px off (rms),"
+            f" {network.sigma0:.0f} times what was expected, and nothing that was found is to blame"
+            " alone. Expected one part with its targets and scale bars at rest, one lens untouched"
+            " (fixed focus and zoom, no stabiliser), and every number once."
+        )
     return _with_unplaced(network, sightings)
 
 

@@ -15,6 +15,7 @@ from omm_core.survey.network import Network
 
 Array = NDArray[np.float64]
 
+TOUCHED = "zoom or focus was touched"
 _LEAST = 1e-4  # of the focal length
 _TOLD = 3e-3  # sigma of a photograph's scale, above which it tells nothing
 _UNCLEAR = 5.0  # of the median sigma
@@ -67,10 +68,7 @@ def _zoomed_of_camera(network: Network, count: int, camera: int) -> dict[int, st
     if found is None:
         return {}
     fewer, apart = found
-    why = (
-        f"it was taken with a focal length {apart:+.2%} different from most others'"
-        " (zoom or focus was touched)"
-    )
+    why = f"it was taken with a focal length {apart:+.2%} different from most others' ({TOUCHED})"
     run = _whole_run(every[known], fewer, count)
     return {n: why for n in run if network.cameras.row(n) == camera}
 
